@@ -26,7 +26,7 @@ help:
 	@echo "make exercises set up, say what an ideal observer sees in each exercise; writes studies/exercises/README.md, 10 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
-	@echo "make pictures set up, take the pictures of the page in the browser anew, where there is Chromium"
+	@echo "make pictures set up, draw the landing of README anew, and take the pictures of the page, where there is Chromium"
 	@echo "make lint   set up, ruff and mypy"
 	@echo "make format set up, format the code with ruff"
 	@echo "make readme set up, write anew what is made from the code: tables of the documents, the firmware's registers"
@@ -114,6 +114,7 @@ readme: extras
 	@$(BIN)/python test/readme_tables.py
 
 pictures: extras
+	@$(BIN)/python -m studies.contact.picture docs/images/landings.png
 	@$(BIN)/python test/view_pictures.py
 
 format: extras

@@ -151,6 +151,12 @@ CONTACT_STATE = Topic(
     TopicKind.STATE,
     "contact, no contact or unknown, what shows it, and whether the ankle is soft in stance",
 )
+LANDING = Topic(
+    "landing",
+    "jammkle_msgs/msg/Landing",
+    TopicKind.STATE,
+    "vacuum chosen for the latest touch-down, what was reached, and why",
+)
 EMERGENCY_STOP = Topic(
     "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
 )
@@ -235,6 +241,7 @@ TOPICS: tuple[Topic, ...] = (
     JAM_COMMAND,
     CONTACT_EVENTS,
     CONTACT_STATE,
+    LANDING,
     FOOT_CONTACT,
     GAIT_PHASE,
     PLANNED_CONTACT,

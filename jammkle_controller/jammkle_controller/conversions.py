@@ -16,6 +16,7 @@ from jammkle_controller.core.events import Contact, ContactEvent, ContactKind
 from jammkle_controller.core.landing import Stored
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
+from jammkle_msgs.msg import Landing as LandingMessage
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from jammkle_common.messages import Health
     from jammkle_controller.core.events import ContactReport
+    from jammkle_controller.core.landing import Landing
     from jammkle_msgs.msg import JamState
 
 _TYPES = {
@@ -76,6 +78,20 @@ def contact_state_message(report: ContactReport, health: Health, stamp: Time, *,
     message.header.stamp = stamp
     message.soft_in_stance = soft
     message.text = health.message
+    return message
+
+
+def landing_message(landing: Landing, travel_m: float) -> LandingMessage:
+    """Write what was chosen for a landing, stamped with its touch-down; travel of the Achilles pair in m."""
+    message = LandingMessage(
+        speed_m_s=landing.speed_m_s,
+        chosen_vacuum_pa=landing.chosen_pa,
+        reached_vacuum_pa=landing.reached_pa,
+        travel_m=travel_m,
+        surprised=landing.surprised,
+        why=landing.why,
+    )
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(landing.time_ns, NANOSECONDS_PER_SECOND)
     return message
 
 

@@ -25,11 +25,13 @@ from jammkle_controller.conversions import (
     contact_state_message,
     driver_view,
     jam_command_message,
+    landing_message,
     stored,
 )
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.landing import travel_m
 from jammkle_controller.core.reading import (
     ankle_reading,
     body_twist,
@@ -45,7 +47,7 @@ from jammkle_controller.core.reading import (
 from jammkle_controller.core.robot_description import leg_of
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState
+from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -114,17 +116,19 @@ class ControllerNode(LockstepNode):
         self._driver_reported = False
         self._held_s = self._contact_reported_s = self.now_s()
         self._contact_reported: tuple[ContactReport, bool] | None = None
+        self._landed_ns: int | None = None
         self._asked_pa = 0.0
         self._since_asked_s = self.now_s()
         self.add_on_set_parameters_callback(self._refuse_what_the_driver_refuses)
         on_change(self, ControllerParameters, self._configure)
 
-        self._commands, self._events, self._contact = (
+        self._commands, self._events, self._contact, self._landings = (
             self.create_publisher(kind, topic.name, publisher_qos(topic))
             for kind, topic in (
                 (JamCommand, names.JAM_COMMAND),
                 (ContactEvent, names.CONTACT_EVENTS),
                 (ContactState, names.CONTACT_STATE),
+                (Landing, names.LANDING),
             )
         )
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
@@ -223,6 +227,10 @@ class ControllerNode(LockstepNode):
             self._command()
         for event in reaction.events:
             self._events.publish(contact_event_message(event, frame_id))
+        landing = self._controller.landing
+        if landing is not None and landing.time_ns != self._landed_ns:
+            self._landed_ns = landing.time_ns
+            self._landings.publish(landing_message(landing, travel_m(self._values.hang_pitch_rad)))
 
     def _command(self, *, anew: bool = False) -> None:
         self._commands.publish(

@@ -124,6 +124,7 @@ def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
     assert policy.state is PolicyState.STANCE
     assert policy.landing is not None
     assert policy.landing.surprised
+    assert "nothing foresaw it" in policy.landing.why
     flat = JammingPolicy(ControllerParameters())
     flat.advance(0)
     flat.react(ContactEvent(ContactKind.IMPACT, 0, 1.0, "", 0.0))
@@ -140,6 +141,28 @@ def test_a_fall_counts_more_than_a_plan() -> None:
         if ms >= 30:
             policy.fall(0)
     assert policy.state is PolicyState.PREPARING
+
+
+@pytest.mark.parametrize(("planned_ms", "said"), [(600, "300 ms earlier than"), (100, "200 ms later than")])
+def test_a_plan_that_lies_is_a_surprise_and_named(planned_ms: int, said: str) -> None:
+    """A foot that hits while its plan has it in the air, or long after it was to touch down, is jammed at once."""
+    policy = JammingPolicy(ControllerParameters(hang_pitch_deg=math.degrees(HANG_RAD)))
+    policy.store(FULL)
+    soft_ms = 0
+    for ms in range(300):
+        if ms < planned_ms:
+            policy.foresee(planned_ms * MS_NS)
+        policy.advance(ms * MS_NS)
+        soft_ms += not any(policy.set_points_pa.values())
+    assert policy.state is PolicyState.SWING  # not yet prepared, or given up
+    assert soft_ms > 100
+    policy.react(ContactEvent(ContactKind.IMPACT, 300 * MS_NS, 1.0, "", 0.0))
+    assert policy.state is PolicyState.STANCE
+    assert set(policy.set_points_pa.values()) == {policy.parameters.hold_vacuum_pa}
+    assert policy.landing is not None
+    assert policy.landing.surprised
+    assert said in policy.landing.why
+    assert policy.landing.time_ns == 300 * MS_NS
 
 
 def test_a_fixed_policy_meets_every_landing_with_one_vacuum() -> None:

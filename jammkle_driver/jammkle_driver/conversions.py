@@ -31,8 +31,8 @@ def seconds(time: rclpy.time.Time) -> float:
 
 
 def stamp_seconds(stamp: Time) -> float:
-    """Return a header's stamp in s; 0 if it was not stamped."""
-    return float(stamp.sec + stamp.nanosec / NANOSECONDS_PER_SECOND)
+    """Return a header's stamp in s, to the bit that of a clock that reads the same; 0 if it was not stamped."""
+    return float((stamp.sec * NANOSECONDS_PER_SECOND + stamp.nanosec) / NANOSECONDS_PER_SECOND)
 
 
 def pressure_sample(place: str, message: FluidPressure, received_s: float) -> PressureSample:

@@ -8,6 +8,8 @@ import pytest
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import FluidPressure
 
+from jammkle_common import wire
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_driver import conversions
@@ -29,6 +31,14 @@ def test_a_pressure_keeps_the_stamp_of_its_measurement() -> None:
     message.header.stamp = Time(sec=3, nanosec=500_000_000)
     sample = conversions.pressure_sample("achilles", message, 7.0)
     assert (sample.stamp_s, sample.pressure_pa) == (3.5, 51325.0)
+
+
+def test_one_stamp_is_one_time() -> None:
+    """An acknowledgement and a reading with the same stamp are of one moment, to the bit."""
+    measured = [wire.Measured(ns, "", (1e5,)) for ns in range(10_000_000, 4_000_000_000, 10_000_000)]
+    for each in measured:
+        stamp = Time(sec=each.time_ns // NANOSECONDS_PER_SECOND, nanosec=each.time_ns % NANOSECONDS_PER_SECOND)
+        assert conversions.stamp_seconds(stamp) == conversions.measured_pressure("achilles", each).stamp_s
 
 
 def test_states_have_the_values_of_the_message() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import re
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,18 @@ def test_rigid_ankle_is_well_posed(damping: float, values: dict[str, object], mo
     assert 1.0 < results["peak_before_heel_n"] < 5.0
     assert "descent_at_heel_m" not in results
     assert results["peak_before_heel_n"] == results["peak_force_n"]
+
+
+def test_a_rigid_foot_that_hangs_toe_down_wedges_later() -> None:
+    """Its toe is nearer to the line through the ball joint: 0.433 flat, 0.590 by 40 degrees; ankles hang so too."""
+    hung = {"foot": "rigid_ankle", "edge_friction": 0.58, "hang_pitch_deg": 40.0}
+    slip.slip_rig(from_mapping(SlipOptions, hung))
+    with pytest.raises(ParameterError, match=r"from 0\.590 on"):
+        slip.slip_rig(from_mapping(SlipOptions, {**hung, "edge_friction": 0.6}))
+    with pytest.raises(ParameterError, match=r"from 0\.433 on"):
+        slip.slip_rig(from_mapping(SlipOptions, {**hung, "hang_pitch_deg": 0.0}))
+    simulation = Simulation(slip.slip_rig(from_mapping(SlipOptions, {**hung, "foot": "jammed"}))[0])
+    assert simulation.joint_position("ankle_pitch") == pytest.approx(math.radians(40.0))
 
 
 @pytest.mark.parametrize("foot", ["unjammed", "jammed"])

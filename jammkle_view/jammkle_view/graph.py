@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     Answer = Callable[[str, bool], None]
     "Takes what a node said, and whether it did what was asked."
 
-_SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.SIM_PARAMETERS)
+_SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.LANDING, names.SIM_PARAMETERS)
 _OF_THE_WHOLE = names.SIM_PARAMETERS
 _SHOWN = (names.JOINT_STATES, names.TENDON_STATES)
 _PLOTTED = (*names.PRESSURES.values(), names.MANIFOLD_PRESSURE)

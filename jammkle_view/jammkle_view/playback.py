@@ -162,6 +162,8 @@ class PlaybackPage:
         self._channels = {channel: gui.add_html(words.channel_html(None, channel)) for channel in names.CHANNELS}
         with gui.add_folder("Felt by the controller"):
             self._events = gui.add_html(words.events_html(recorded.events))
+        with gui.add_folder("Latest landing, and what is left"):
+            self._landing = gui.add_html(words.landing_html(AnkleState()))
         self._add_overlay(gui, why_not)
         gui.add_html(words.legend_html())
         panel = gui.add_panel()
@@ -268,6 +270,7 @@ class PlaybackPage:
                 ("time", f"{time_s:.3f} of {self._recorded.duration_s:.2f} s"),
             )
         )
+        self._landing.content = words.landing_html(state)
         stands_s = float(self._slider.value)
         if stands_s == self._slider_s and abs(stands_s - time_s) > self._slider.step / 2.0:
             self._slider_s = time_s

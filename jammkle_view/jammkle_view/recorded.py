@@ -27,6 +27,7 @@ from jammkle_view.core.samples import (
     Imu,
     JamReport,
     Joints,
+    Landing,
     Pressure,
     Tendons,
 )
@@ -93,6 +94,9 @@ class Recorded:
     """Columns x, y, z."""
     broken: Mapping[str, float]
     """When a tendon was first seen broken, s, by name."""
+    extensions_m: Track
+    """Of tendons, beyond the free length."""
+    landings: Sequence[Landing]
     reports: Sequence[JamReport]
     events: Sequence[Event]
     description: str
@@ -107,6 +111,8 @@ class Recorded:
             broken=frozenset(tendon for tendon, broken_s in self.broken.items() if broken_s <= time_s),
             channels={**channels, **(report.channels if report is not None else {})},
             base=base_at(self.base, time_s),
+            extensions_m=self.extensions_m.at(time_s),
+            landing=self.landing_at(time_s),
         )
 
     def _by_pressure(self, channel: str, time_s: float) -> Channel:
@@ -122,6 +128,11 @@ class Recorded:
         """Return what the driver said last before a time, s."""
         place = bisect.bisect_right(self.reports, time_s, key=lambda each: each.time_s)
         return self.reports[place - 1] if place else None
+
+    def landing_at(self, time_s: float) -> Landing | None:
+        """Return what was chosen for the latest touch-down before a time, s."""
+        place = bisect.bisect_right(self.landings, time_s, key=lambda each: each.time_s)
+        return self.landings[place - 1] if place else None
 
 
 def base_at(track: Track, time_s: float) -> Base | None:
@@ -227,7 +238,9 @@ class _Collected:
     """Collects samples."""
 
     def __init__(self) -> None:
-        self._joints, self._base, self._tensions_n = _Rows(), _Rows(), _Rows()
+        self._joints, self._base = _Rows(), _Rows()
+        self._tensions_n, self._extensions_m = _Rows(), _Rows()
+        self._landings: list[Landing] = []
         self._forces_m_s2, self._rates_rad_s = _Rows(), _Rows()
         self._others: dict[str, _Rows] = {}
         self._pressures_pa: dict[str, _Rows] = {}
@@ -250,9 +263,7 @@ class _Collected:
             case Joints():
                 self._joints.append(sample.time_s, sample.positions)
             case Tendons():
-                self._tensions_n.append(sample.time_s, sample.tensions_n)
-                for tendon in sample.broken:
-                    self._broken.setdefault(tendon, sample.time_s)
+                self._take_tendons(sample)
             case Pressure():
                 row = {sample.topic: sample.pressure_pa}
                 self._pressures_pa.setdefault(sample.topic, _Rows()).append(sample.time_s, row)
@@ -263,8 +274,16 @@ class _Collected:
                 self._reports.append(sample)
             case Event():
                 self._events.append(sample)
+            case Landing():
+                self._landings.append(sample)
             case Description():
                 self._description = sample.text
+
+    def _take_tendons(self, sample: Tendons) -> None:
+        self._tensions_n.append(sample.time_s, sample.tensions_n)
+        self._extensions_m.append(sample.time_s, sample.extensions_m)
+        for tendon in sample.broken:
+            self._broken.setdefault(tendon, sample.time_s)
 
     def recorded(self, name: str, namespace: str) -> Recorded:
         """Put all of it in order.
@@ -298,6 +317,10 @@ class _Collected:
             events=sorted(
                 (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._events), key=_time_s
             ),
+            extensions_m=self._extensions_m.track(start_s),
+            landings=sorted(
+                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._landings), key=_time_s
+            ),
             description=self._description,
         )
 
@@ -310,5 +333,5 @@ def _base_row(base: Base, before: Mapping[str, float] | None) -> dict[str, float
     return {**dict(zip("xyz", base.position_m, strict=True)), **turn}
 
 
-def _time_s(sample: JamReport | Event) -> float:
+def _time_s(sample: JamReport | Event | Landing) -> float:
     return sample.time_s

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
-from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState
+from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState, TendonStates
+from jammkle_msgs.msg import Landing as LandingMessage
 from jammkle_view.core import samples
 from jammkle_view.core.ankle import Ankle, RealTimeFactor, Trace, thinned
 from jammkle_view.core.figure import BROKEN_TINT, EVENT_TINTS, LINE_TINTS, Rgb, tendon_tint
 from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
 from jammkle_view.page.plots import range_of
+from jammkle_view.page.words import landing_html
 
 
 def test_numbers_are_those_of_the_messages() -> None:
@@ -72,6 +74,26 @@ def test_a_tendon_takes_the_state_of_its_channel() -> None:
     slack = tendon_tint(ChannelState.JAMMED, 0.0, broken=False)
     assert sum(slack) > sum(tendon_tint(ChannelState.JAMMED, 100.0, broken=False))
     assert tendon_tint(ChannelState.JAMMED, 5.0, broken=True) == BROKEN_TINT
+
+
+def test_it_says_what_a_landing_chose_and_what_is_left_of_each_tendon() -> None:
+    """Until a sole is flat the Achilles pair has the travel of its landing; all else, and feet that hang flat, tear."""
+    ankle = Ankle()
+    assert "no touch-down yet" in landing_html(ankle)
+    assert math.isnan(ankle.left_m("achilles_left"))
+    message = LandingMessage(chosen_vacuum_pa=26e3, reached_vacuum_pa=42.5e3, travel_m=0.0187, why="a <fall>")
+    ankle.take(samples.TAKERS[names.LANDING.name](message))
+    stretched_m = {"peroneal_left": -0.002, "peroneal_right": 0.015, "achilles_left": 0.010, "achilles_right": 0.025}
+    tendons = [TendonState(name=name, extension_m=by_m) for name, by_m in stretched_m.items()]
+    ankle.take(samples.TAKERS[names.TENDON_STATES.name](TendonStates(tendons=tendons)))
+    left_m = [ankle.left_m(name) for name in stretched_m]
+    assert left_m == pytest.approx([0.055, 0.040, 0.0087, 0.0])
+    shown = landing_html(ankle)
+    assert "chosen 26 kPa, reached 42 kPa" in shown
+    assert "8.7 mm" in shown
+    assert "a &lt;fall&gt;" in shown
+    ankle.take(samples.TAKERS[names.LANDING.name](LandingMessage(why="nothing foresaw it")))
+    assert ankle.left_m("achilles_left") == pytest.approx(0.045)
 
 
 def test_a_robot_whose_time_begins_anew_is_followed() -> None:

@@ -30,7 +30,11 @@ from studies.contact.loop import AnkleLoop
 from studies.contact.trial import median_with_interval, wilson
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_sim.rigs.simulation import Sample
 
 AUTO, BLIND, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT = (
     "auto",
@@ -118,43 +122,61 @@ def draw(robot: str, seed: int, *, held_out: bool) -> RobotOptions:
     )
 
 
+class Drop:
+    """One landing in one way, ready to be let go."""
+
+    def __init__(self, robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0) -> None:
+        """Set it up.
+
+        Args:
+            robot: Its name.
+            options: The landing.
+            way: One of WAYS but the last.
+            vacuum_pa: Of the way fixed; 0: soft.
+
+        """
+        by_policy = way in (AUTO, BLIND)
+        self.release_s = _FILLED_S if by_policy else _JAMMED_S
+        reservoir_m3 = options.reservoir_volume_m3 if by_policy else 0.0
+        kind = AnkleKind.RIGID if way == RIGID else AnkleKind.JAMMABLE
+        options = dataclasses.replace(
+            options, ankle=kind.value, release_time_s=self.release_s, reservoir_volume_m3=reservoir_m3
+        )
+        mode = PolicyMode.AUTO if by_policy else PolicyMode.FIXED if way == FIXED else PolicyMode.ALWAYS_JAMMED
+        if way == SOFT or (way == FIXED and vacuum_pa == 0.0):
+            mode = PolicyMode.ALWAYS_SOFT
+        controller = ControllerParameters(
+            imu_mount=options.imu,
+            policy=mode.value,
+            hang_pitch_deg=options.hang_pitch_deg,
+            landing_vacuum_pa=vacuum_pa or HELD_PA,
+            load_kg=RATED_KG + (0.0 if way == BLIND else options.payload_kg / FEET[robot]),
+        )
+        self.simulation = robot_simulation(robot, options)
+        # faults are not of concern, and take time
+        driver = DriverParameters(reservoir_volume_m3=reservoir_m3, diagnose=False)
+        ankles = () if way == RIGID else self.simulation.ankles.values()
+        self._loops = [AnkleLoop(view, controller, driver) for view in ankles]
+
+    def samples(self) -> Iterator[Sample]:
+        """Let it go, and give the samples from then on, at `RATE_HZ`.
+
+        Raises:
+            UnstableSimulationError: it blew up.
+
+        """
+        for sample in self.simulation.samples(self.release_s + _AFTER_S, RATE_HZ):
+            for loop in self._loops:
+                loop.step(sample.time_s)
+            if sample.time_s >= self.release_s:
+                yield sample
+
+
 def measure(robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0) -> Measured | None:
-    """Land once; None where the simulation blew up.
-
-    Args:
-        robot: Its name.
-        options: The landing.
-        way: One of WAYS but the last.
-        vacuum_pa: Of the way fixed; 0: soft.
-
-    """
-    by_policy = way in (AUTO, BLIND)
-    release_s = _FILLED_S if by_policy else _JAMMED_S
-    reservoir_m3 = options.reservoir_volume_m3 if by_policy else 0.0
-    kind = AnkleKind.RIGID if way == RIGID else AnkleKind.JAMMABLE
-    options = dataclasses.replace(options, ankle=kind.value, release_time_s=release_s, reservoir_volume_m3=reservoir_m3)
-    mode = PolicyMode.AUTO if by_policy else PolicyMode.FIXED if way == FIXED else PolicyMode.ALWAYS_JAMMED
-    if way == SOFT or (way == FIXED and vacuum_pa == 0.0):
-        mode = PolicyMode.ALWAYS_SOFT
-    controller = ControllerParameters(
-        imu_mount=options.imu,
-        policy=mode.value,
-        hang_pitch_deg=options.hang_pitch_deg,
-        landing_vacuum_pa=vacuum_pa or HELD_PA,
-        load_kg=RATED_KG + (0.0 if way == BLIND else options.payload_kg / FEET[robot]),
-    )
-    simulation = robot_simulation(robot, options)
-    driver = DriverParameters(
-        reservoir_volume_m3=reservoir_m3, diagnose=False
-    )  # faults are not of concern, and take time
-    loops = [] if way == RIGID else [AnkleLoop(view, controller, driver) for view in simulation.ankles.values()]
+    """Land once; None where the simulation blew up. Arguments as of `Drop`."""
     rows, absorbed_j = [], 0.0
     try:
-        for sample in simulation.samples(release_s + _AFTER_S, RATE_HZ):
-            for loop in loops:
-                loop.step(sample.time_s)
-            if sample.time_s < release_s:
-                continue
+        for sample in Drop(robot, options, way, vacuum_pa).samples():
             ankles = sample.ankles.values()
             absorbed_j += sum(t.tension_n * t.extension_rate_m_s for a in ankles for t in a.tendons) / RATE_HZ
             slid_m = float(np.mean([ankle.foot.sliding_distance_m for ankle in ankles]))
@@ -172,13 +194,19 @@ def measure(robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0)
     return _measured(np.array(rows, dtype=float), absorbed_j, math.radians(options.slope_deg))
 
 
+def deceleration_m_s2(up_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the base's deceleration in the mean over `_SMOOTHED_S`, m/s^2, of its speed upward at `RATE_HZ`, m/s."""
+    window = round(_SMOOTHED_S * RATE_HZ)
+    slowed: NDArray[np.float64] = (up_m_s[window:] - up_m_s[:-window]) / _SMOOTHED_S
+    return slowed
+
+
 def _measured(rows: Any, absorbed_j: float, slope_rad: float) -> Measured:
     up_m_s, height_m, slid_m, tilt_rad, stands = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], rows[:, 4:] > 0.0
-    window = round(_SMOOTHED_S * RATE_HZ)
     touch = int(np.argmax(stands.any(axis=1)))
     moving = np.flatnonzero(np.abs(up_m_s[touch:]) > _REST_M_S)
     return Measured(
-        float((up_m_s[window:] - up_m_s[:-window]).max() / _SMOOTHED_S),
+        float(deceleration_m_s2(up_m_s).max()),
         float(np.mean([_rebounds(stands[touch:, foot]) for foot in range(stands.shape[1])])),
         float(moving[-1] / RATE_HZ) if len(moving) else 0.0,
         float(slid_m[-1]),

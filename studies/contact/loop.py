@@ -1,12 +1,15 @@
 """Controller and driver of one ankle around a simulated one, in one process and without ROS.
 
-The cores are those of the nodes, called in the order of the graph: joints, gait, pressures, IMU, set points,
-actuators. It is deterministic, and as fast as the simulation lets it be.
+The cores are those of the nodes, called when and in the order in which they are on a graph in lockstep: what the
+simulation publishes is dealt with at the next tick of /clock, what controller and driver send each other at the tick
+after that. It is deterministic, and as fast as the simulation lets it be.
 """
 
 from __future__ import annotations
 
 import math
+import struct
+from functools import partial
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -19,20 +22,26 @@ from jammkle_controller.core.landing import Stored
 from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
 from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
-from jammkle_driver.core.hardware import MANIFOLD, PressureSample
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample
 from jammkle_driver.core.requests import SetPoint
 from jammkle_driver.core.watchdog import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
+from jammkle_sim.parameters import RobotParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from jammkle_controller.core.controller import Reaction
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.parameters import ControllerParameters
 
 STATE_PERIOD_S = 0.01
 """Time between two readings of pressures, joints and the gait's plan, s, as on the graph of a robot."""
+DRIVER_STATE_PERIOD_S = 1.0
+"""How often jam_state is repeated, s."""
+ROBOT_TICK_RATE_HZ = RobotParameters().clock_rate_hz
+"""Ticks of /clock per second in the graph of a robot; in that of a rig there is one for each sample."""
 
 
 class ImuReading(Protocol):
@@ -112,25 +121,24 @@ class WithPlan(Protocol):
         """Return what the gait plans of the foot; None: there is no gait."""
 
 
-class _Every:
-    """Tells when something periodic is due: on a grid, however the times of the steps are rounded."""
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process", simulated=True)
 
-    _ROUNDING_S = 1e-9
+
+class _Regular:
+    """Tells whether a multiple of a period has been passed, as a node in lockstep does."""
 
     def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._next_s = 0.0
+        self._period_ns = round(period_s * NANOSECONDS_PER_SECOND)
+        self._last_ns = 0
 
-    def due(self, time_s: float) -> bool:
-        """Whether it is due at a time, s; if it is, the next is a period later."""
-        if time_s < self._next_s - self._ROUNDING_S:
-            return False
-        self._next_s = max(self._next_s, time_s - self._period_s) + self._period_s
-        return True
+    def due(self, time_ns: int) -> bool:
+        """Whether it is due at a time, ns, later than that of the call before."""
+        last_ns, self._last_ns = self._last_ns, time_ns
+        return time_ns // self._period_ns > last_ns // self._period_ns
 
 
 class AnkleLoop:
-    """Controller and driver of one simulated ankle. The controller receives what it would on the graph."""
+    """Controller and driver of one simulated ankle. They receive what they would on the graph, at the same times."""
 
     def __init__(
         self,
@@ -139,6 +147,7 @@ class AnkleLoop:
         driver: DriverParameters | None = None,
         body: Callable[[], BodyMotion] | None = None,
         leg: Leg | None = None,
+        tick_rate_hz: int = ROBOT_TICK_RATE_HZ,
     ) -> None:
         """Start both, at time 0.
 
@@ -148,6 +157,7 @@ class AnkleLoop:
             driver: Parameters of the driver; none: its defaults.
             body: Tells how the robot's body moves, for a controller that receives odometry: one without error.
             leg: The leg above the ankle, for efforts and odometry.
+            tick_rate_hz: Of /clock: nodes in lockstep work at its ticks, and a sample between two waits for the next.
 
         """
         self.ankle = ankle
@@ -156,13 +166,26 @@ class AnkleLoop:
         self._above = (leg.abduction if leg else "", controller.hip_joint, controller.knee_joint)
         self._body = body if controller.use_odometry else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
-        self.driver.activate(_instant(0.0))
         self.events: list[ContactEvent] = []
+        self.commands: list[tuple[int, dict[str, float]]] = []
+        """Every jam_command: its stamp, ns, and the vacuum by channel, Pa."""
+        self.driven: list[tuple[int, ActuatorCommand]] = []
+        """What pump and solenoids were set to, on every change, and when, ns."""
+        self._sensed: list[Callable[[], Reaction | None]] = []
+        self._measured: list[tuple[int, dict[str, float]]] = []
+        self._asked: list[dict[str, float]] = []
+        self._said: Stored | None = None
         self._standing: tuple[object, ...] = ()
-        self._reported_s = -math.inf
-        self._states = _Every(STATE_PERIOD_S)
-        self._ticks = _Every(TICK_PERIOD_S)
-        self._commands = _Every(1.0 / controller.command_rate_hz)
+        self._obeyed = self.driver.command
+        self._acknowledged: list[tuple[int, ActuatorCommand]] = [(0, self._obeyed)]
+        self._acknowledged_lately = True
+        self._states, self._ticks = _Regular(STATE_PERIOD_S), _Regular(1.0 / tick_rate_hz)
+        self._commands, self._driver_ticks, self._driver_states = (
+            _Regular(period_s) for period_s in (1.0 / controller.command_rate_hz, TICK_PERIOD_S, DRIVER_STATE_PERIOD_S)
+        )
+        now = _instant(0)
+        self.driver.activate(now)
+        self._settle(now, 0)
 
     def sample(self, time_s: float) -> ImuSample:
         """Return the IMU's reading as a sample of this time, s."""
@@ -171,69 +194,124 @@ class AnkleLoop:
         return ImuSample(time_ns, *reading.specific_force_m_s2, *reading.angular_velocity_rad_s)
 
     def step(self, time_s: float) -> ImuSample:
-        """Feel and drive at a time, s, which must rise; return what the IMU read."""
-        now = _instant(time_s)
-        before_pa = self.controller.set_points_pa
-        if self._states.due(time_s):
-            for received in self._reported(time_s):
-                self.events += feed(self.controller, received).events
-            pressures = {**self.ankle.channel_pressures_pa(), MANIFOLD: self.ankle.manifold_pressure_pa()}
-            for place, pressure_pa in pressures.items():
-                self.driver.measure(PressureSample(place, pressure_pa, time_s), now)
-                self._report_driver(time_s)
+        """Feel at a time, s, which must rise, and drive if /clock ticks then; return what the IMU read."""
+        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
+        states = self._states.due(time_ns)
+        if states:
+            self._sensed += self._reported(time_ns)
+            if not self._acknowledged_lately:
+                self._acknowledge(time_ns)
+            self._acknowledged_lately = False
+            pressures = {MANIFOLD: self.ankle.manifold_pressure_pa(), **self.ankle.channel_pressures_pa()}
+            self._measured.append((time_ns, pressures))
         sample = self.sample(time_s)
-        self.events += self.controller.update(sample).events
-        # The repeats go on at their own times beside what is said on change, as the node's timer does.
-        if self._commands.due(time_s) or self.controller.set_points_pa != before_pa:
-            set_points = [SetPoint(channel, vacuum_pa) for channel, vacuum_pa in self.controller.set_points_pa.items()]
-            self.driver.follow(set_points, now, JAM_COMMAND.name)
-        if self._ticks.due(time_s):
-            self.driver.tick(now)
-        self._report_driver(time_s)
-        command = self.driver.command
-        self.ankle.set_pump_duty(command.pump_duty)
-        for channel, energised in command.solenoids.items():
-            self.ankle.set_solenoid(channel, energised)
+        self._sensed.append(partial(self.controller.update, sample))
+        if states and self._body is not None and isinstance(self.ankle, WithEfforts):
+            moves = self._body()
+            twist = BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)
+            self._sensed.append(partial(self.controller.on_odometry, twist, time_ns))
+        if self._ticks.due(time_ns):
+            said, self._said = self._said, None
+            asked, self._asked = self._asked, []
+            self._control(time_ns, said)
+            self._drive(time_ns, asked)
         return sample
 
-    def _report_driver(self, time_s: float) -> None:
-        """Let the controller receive what the driver says on a change, and again each second, of its air."""
-        standing = self.driver.standing
-        if standing == self._standing and time_s - self._reported_s < 1.0:
-            return
-        self._standing, self._reported_s = standing, time_s
-        status = self.driver.status
-        self.controller.on_driver(Stored(max(status.manifold_vacuum_pa or 0.0, 0.0), status.reservoir_volume_m3))
+    def _control(self, time_ns: int, said: Stored | None) -> None:
+        """Let the controller deal with what the driver said at an earlier tick, and with what was felt since."""
+        if said is not None:
+            self.controller.on_driver(said)
+        for take in self._sensed:
+            reaction = take()
+            if reaction is not None:
+                self.events += reaction.events
+                if reaction.changed:
+                    self._command(time_ns)
+        self._sensed.clear()
+        if self._commands.due(time_ns):
+            self._command(time_ns)
 
-    def _reported(self, time_s: float) -> list[Received]:
-        """Return what joints and gait report, in the order of the graph."""
-        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
-        roll_rad = self.ankle.joint_positions().get(ANKLE_JOINTS[0])
-        if roll_rad is not None:
-            self.controller.inputs.on_pitch(self.ankle.joint_positions()[ANKLE_JOINTS[1]])
-        reported = [] if roll_rad is None else [Received(time_ns, Input.JOINTS, roll_rad)]
-        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= self.ankle.joint_positions().keys():
-            roll, pitch, _ = ANKLE_JOINTS
-            angles, rates = self.ankle.joint_positions(), self.ankle.joint_velocities()
-            shank_rad_s = sum(rates[joint] for joint in self._above[1:])
-            reading = AnkleReading(angles[pitch], angles[roll], rates[pitch], rates[roll], shank_rad_s)
-            reported.append(Received(time_ns, reading))
-        if self._leg is not None and isinstance(self.ankle, WithEfforts):
-            columns = (self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.joint_efforts())
-            if set(self._leg) <= columns[0].keys():
-                reported.append(
-                    Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
-                )
+    def _command(self, time_ns: int) -> None:
+        set_points_pa = dict(self.controller.set_points_pa)
+        self.commands.append((time_ns, set_points_pa))
+        self._asked.append(set_points_pa)
+
+    def _drive(self, time_ns: int, asked: list[dict[str, float]]) -> None:
+        """Let the driver deal with what was asked at an earlier tick, and with what was measured since."""
+        now = _instant(time_ns)
+        for set_points_pa in asked:
+            set_points = [SetPoint(channel, vacuum_pa) for channel, vacuum_pa in set_points_pa.items()]
+            self.driver.follow(set_points, now, JAM_COMMAND.name)
+            self._settle(now, time_ns)
+        for at_ns, command in self._acknowledged:
+            self.driver.take_driven(command, at_ns / NANOSECONDS_PER_SECOND)
+        self._acknowledged.clear()
+        for at_ns, pressures in self._measured:
+            for place, pressure_pa in pressures.items():
+                self.driver.look_at_link(_CONNECTED, now)
+                self.driver.measure(PressureSample(place, pressure_pa, at_ns / NANOSECONDS_PER_SECOND), now)
+                self._settle(now, time_ns)
+        self._measured.clear()
+        if self._driver_ticks.due(time_ns):
+            self.driver.tick(now, 0)
+            self.driver.look_at_link(_CONNECTED, now)
+            self._settle(now, time_ns)
+        if self._driver_states.due(time_ns):
+            self._say()
+        if self.driven and self.driven[-1][0] == time_ns:
+            self._acknowledge(time_ns)
+
+    def _settle(self, now: Instant, time_ns: int) -> None:
+        """Do what the driver wants, and let it say what has changed."""
+        self.driver.ankle.note_command(now)
+        wanted = self.driver.command
+        command = ActuatorCommand(wanted.solenoids, _as_float32(wanted.pump_duty))
+        if command != self._obeyed:
+            self._obeyed = command
+            self.driven.append((time_ns, command))
+            self.ankle.set_pump_duty(command.pump_duty)
+            for channel, energised in command.solenoids.items():
+                self.ankle.set_solenoid(channel, energised)
+        if self.driver.standing != self._standing:
+            self._standing = self.driver.standing
+            self._say()
+
+    def _say(self) -> None:
+        status = self.driver.status
+        self._said = Stored(max(status.manifold_vacuum_pa or 0.0, 0.0), status.reservoir_volume_m3)
+
+    def _acknowledge(self, time_ns: int) -> None:
+        """Let the simulated board say what it does."""
+        self._acknowledged.append((time_ns, self._obeyed))
+        self._acknowledged_lately = True
+
+    def _reported(self, time_ns: int) -> list[Callable[[], Reaction | None]]:
+        """Return what takes the reports of joints and gait, in the order of the graph."""
+        positions = self.ankle.joint_positions()
+        received: list[Received] = []
+        taken: list[Callable[[], Reaction | None]] = []
+        roll, pitch, _ = ANKLE_JOINTS
+        if roll in positions:
+            received.append(Received(time_ns, Input.JOINTS, positions[roll]))
+            taken.append(partial(self.controller.inputs.on_pitch, positions[pitch]))
+        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= positions.keys():
+            rates = self.ankle.joint_velocities()
+            shank_rad_s = rates[self._above[1]] + rates[self._above[2]]
+            reading = AnkleReading(positions[pitch], positions[roll], rates[pitch], rates[roll], shank_rad_s)
+            received.append(Received(time_ns, reading))
+        if self._leg is not None and isinstance(self.ankle, WithEfforts) and set(self._leg) <= positions.keys():
+            columns = (positions, self.ankle.joint_velocities(), self.ankle.joint_efforts())
+            received.append(
+                Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
+            )
         if self._body is not None and isinstance(self.ankle, WithEfforts):
-            moves = self._body()
-            reported.append(Received(time_ns, self._pose(self.ankle)))
-            reported.append(Received(time_ns, BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)))
+            received.append(Received(time_ns, self._pose(self.ankle)))
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
-            reported.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
+            received.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
-                reported.append(Received(time_ns, Input.GAIT_PHASE, planned.phase))
-        return reported
+                received.append(Received(time_ns, Input.GAIT_PHASE, _as_float32(planned.phase)))
+        return [*taken, *(partial(feed, self.controller, each) for each in received)]
 
     def _pose(self, ankle: WithEfforts) -> LegPose:
         """Return angles and rates from the body down; a leg without abduction has none."""
@@ -249,5 +327,11 @@ class AnkleLoop:
         )
 
 
-def _instant(time_s: float) -> Instant:
-    return Instant(time_s, time_s)
+def _instant(time_ns: int) -> Instant:
+    return Instant(time_ns / NANOSECONDS_PER_SECOND, time_ns / NANOSECONDS_PER_SECOND)
+
+
+def _as_float32(value: float) -> float:
+    """Return what is left of a number in a std_msgs/Float32."""
+    rounded: float = struct.unpack("f", struct.pack("f", value))[0]
+    return rounded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
-from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
 from jammkle_controller.core.events import (
     Contact,
@@ -157,9 +157,8 @@ class AnkleController:
         for event in reported:
             self._react(event)
         if self._detector.phase is Phase.FLIGHT:
-            seen_s = reported[-1].detection_delay_s if reported else 0.0
             self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
-            self._policy.fall(sample.time_ns - round(seen_s * NANOSECONDS_PER_SECOND))
+            self._policy.fall(self._detector.flight_began_ns)
         if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:
@@ -302,11 +301,12 @@ class AnkleController:
     def _counts(self, event: ContactEvent) -> bool:
         """Whether an event of the IMU stands against what else is known; the detector is set right if it does not."""
         touches = event.kind is ContactKind.IMPACT
-        if event.kind is ContactKind.SLIP and self.inputs.shows_slips(event.time_ns):
-            return False
+        contact = self.inputs.measured_contact(event.time_ns)
+        if event.kind is ContactKind.SLIP and (contact is False or self.inputs.shows_slips(event.time_ns)):
+            return False  # what does not stand does not slide
         if event.kind is ContactKind.LIFTOFF and self._detector.phase is Phase.FLIGHT:
             self.inputs.fly()
-        contact = self.inputs.measured_contact(event.time_ns)
+            contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
             self._detector.correct(lifted=False, time_ns=event.time_ns)
             return False

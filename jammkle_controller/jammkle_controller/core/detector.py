@@ -52,6 +52,8 @@ class ContactDetector:
 
         """
         self.phase = Phase.GROUND
+        self.flight_began_ns = 0
+        """Stamp at which the latest free fall began, ns: earlier than it was certain."""
         self._borne: bool | None = None
         self.gate = ImuGate()
         self.watch = ImuWatch(parameters)
@@ -214,8 +216,10 @@ class ContactDetector:
         """Return an impact when what was in the air is hit, or, reported late, stands."""
         if self._borne is not None and self.phase is Phase.SWING:
             # A body that is held up falls when it is let go; the shank of a leg that swings is at times as light.
-            if self.foot is None and self._liftoff.on_ground(time_ns, self.motion.force_m_s2) is not None:
+            dropped = self._liftoff.on_ground(time_ns, self.motion.force_m_s2) if self.foot is None else None
+            if dropped is not None:
                 self.phase = Phase.FLIGHT
+                self._note_flight(dropped)
             return None
         force = self.motion.force_m_s2
         foot = self.foot
@@ -260,6 +264,7 @@ class ContactDetector:
         liftoff = self._liftoff.on_ground(time_ns, force)
         if liftoff is not None:
             self._leave(Phase.FLIGHT, time_ns)
+            self._note_flight(liftoff)
             return liftoff
         if self._borne is not None:
             return None
@@ -273,6 +278,10 @@ class ContactDetector:
             self._leave(Phase.SWING, time_ns)
             self._raise.raise_it()
         return liftoff
+
+    def _note_flight(self, liftoff: ContactEvent) -> None:
+        delay_ns = round(liftoff.detection_delay_s * NANOSECONDS_PER_SECOND)
+        self.flight_began_ns = liftoff.time_ns - delay_ns
 
     def _leave(self, phase: Phase, time_ns: int) -> None:
         self.phase = phase

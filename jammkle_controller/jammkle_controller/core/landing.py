@@ -178,6 +178,8 @@ class Landing:
     """In plain English: what the choice stands on, and what was done where it could not be carried out."""
     surprised: bool = False
     """Whether nothing foresaw it."""
+    time_ns: int = 0
+    """Of the touch-down as it was felt."""
 
 
 class Fall:
@@ -239,4 +241,4 @@ class Fall:
             why += "; more than the ankle takes: as stiff as it gets, and the heel may strike"
         elif reached_pa < chosen_pa - LEVEL_PA:
             why += "; too short a time: what could be reached, and full vacuum from here on"
-        return Landing(self.speed_m_s(time_ns), chosen_pa, reached_pa, why)
+        return Landing(self.speed_m_s(time_ns), chosen_pa, reached_pa, why, time_ns=time_ns)

@@ -179,6 +179,7 @@ class JammingPolicy:
         self._fall: Fall | None = None
         self._chosen_pa: Mapping[str, float] = dict.fromkeys(CHANNELS, 0.0)
         self._begun_ns: int | None = None
+        self._given_up_ns: int | None = None
         self._load_kg = 0.0
         self._stored = Stored()
         self.landing: Landing | None = None
@@ -208,7 +209,7 @@ class JammingPolicy:
         if self._now_ns is not None and time_ns < self._now_ns:
             # The clock was set back. What is held stays held: on a real slope, letting go would be the worse error.
             self._since_ns += time_ns - self._now_ns
-            self._touchdown_ns = self._fall = None
+            self._touchdown_ns = self._fall = self._given_up_ns = None
         self._now_ns = time_ns
         parameters, since_ns = self.parameters, time_ns - self._since_ns
         if self.state is PolicyState.LANDING and since_ns >= _nanoseconds(parameters.jam_delay_s):
@@ -232,7 +233,7 @@ class JammingPolicy:
             self._choose(CHANNELS, self.parameters.hold_vacuum_pa)
             self._take(Trigger.FORESEEN)
         elif self.state is PolicyState.PREPARING and missed:
-            self._touchdown_ns = None
+            self._given_up_ns, self._touchdown_ns = self._touchdown_ns, None
             self._take(Trigger.MISSED)
 
     def foresee(self, touchdown_ns: int | None) -> None:
@@ -299,10 +300,21 @@ class JammingPolicy:
                 self._chosen_pa = dict.fromkeys(CHANNELS, parameters.full_vacuum_pa)
         elif self._begun_ns is not None:
             reached_pa = self._air(CHANNELS).after_pa((time_ns - self._begun_ns) / NANOSECONDS_PER_SECOND)
-            self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, "foreseen by the gait or its rhythm")
+            why = "foreseen by the gait or its rhythm"
+            self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, why, time_ns=time_ns)
         else:
-            self.landing = Landing(0.0, 0.0, 0.0, "nothing foresaw it: met as it was", surprised=True)
-        self._fall = self._touchdown_ns = None
+            why = f"{self._what_was_foreseen(time_ns)}: met as it was"
+            self.landing = Landing(0.0, 0.0, 0.0, why, surprised=True, time_ns=time_ns)
+        self._fall = self._touchdown_ns = self._given_up_ns = None
+
+    def _what_was_foreseen(self, time_ns: int) -> str:
+        """Say what was foreseen of a touch-down that nothing was prepared for."""
+        foreseen_ns = self._given_up_ns if self._touchdown_ns is None else self._touchdown_ns
+        if foreseen_ns is None:
+            return "nothing foresaw it"
+        by_ms = 1e3 * (time_ns - foreseen_ns) / NANOSECONDS_PER_SECOND
+        early_or_late = "later" if by_ms > 0.0 else "earlier"
+        return f"{abs(by_ms):.0f} ms {early_or_late} than the gait or its rhythm foresaw"
 
     def take_up(self, why: Trigger) -> None:
         """Hold without a touch-down: INHERITED, SHOWN or RESTED. In a fault what is kept becomes a stance's vacuum."""
@@ -351,6 +363,8 @@ class JammingPolicy:
         following = TRANSITIONS.get((self.state, trigger))
         if following is None:
             return
+        if trigger is Trigger.LIFTOFF:
+            self._given_up_ns = None
         if following is PolicyState.SWING:
             self._fall = self._begun_ns = None
             self._chosen_pa = dict.fromkeys(CHANNELS, 0.0)

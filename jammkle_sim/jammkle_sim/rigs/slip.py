@@ -23,6 +23,7 @@ from jammkle_sim.rigs.model import (
     ankle_laws,
     compile_with_start,
     hanging,
+    hung,
     new_spec,
     set_speed,
     weigh,
@@ -92,6 +93,9 @@ class SlipOptions:
     it is whatever the rig bears."""
     speed_m_s: float = parameter(0.005, "Speed of the carriage, down", "m/s", 0.001, 0.05)
     descent_m: float = parameter(0.110, "Way of the carriage from the first touch to the halt", "m", 0.01, 0.12)
+    hang_pitch_deg: float = parameter(
+        0.0, "Pitch at which the foot hangs, and the rigid one is fixed, toe-down", "deg", 0.0, 45.0
+    )
     leg_m: float = parameter(0.18, "From the ankle's joint to the ball joint at the top", "m", 0.12, 0.4)
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
@@ -123,7 +127,7 @@ def _changed(options: SlipOptions, friction: float, slope: float) -> SlipOptions
 
 
 def _wedges(options: SlipOptions) -> bool:
-    return options.edge_friction >= _footing(options, AnkleParameters()).wedging_friction
+    return options.edge_friction >= _footing(options, hung(None, options.hang_pitch_deg)).wedging_friction
 
 
 def slip_rig(options: SlipOptions, ankle: AnkleParameters | None = None) -> tuple[Rig, Programme]:
@@ -137,7 +141,7 @@ def slip_rig(options: SlipOptions, ankle: AnkleParameters | None = None) -> tupl
         ParameterError: the rigid foot would wedge.
 
     """
-    ankle = ankle or AnkleParameters()
+    ankle = hung(ankle, options.hang_pitch_deg)
     if options.foot == RIGID_ANKLE:
         check_slides(options, ankle)
     has_tendons = options.foot != RIGID_ANKLE
@@ -237,7 +241,8 @@ def _spec(options: SlipOptions, ankle: AnkleParameters, sensors: SensorParameter
     ball.damping = (_BALL_DAMPING_N_M_S, 0.0, 0.0)
     if options.foot == RIGID_ANKLE:
         # The contact of the ankle's own foot: that of the drop rig was chosen to bounce.
-        add_rigid_ankle(leg, ankle, HardContact(ankle.contact_time_s, damping_ratio=1.0), friction, 0.0)
+        hard = HardContact(ankle.contact_time_s, damping_ratio=1.0)
+        add_rigid_ankle(leg, ankle, hard, friction, ankle.hang_pitch_rad)
     else:
         add_ankle(spec, leg, ankle, friction)
     add_drive(spec, _CARRIAGE_KG, _SERVO_RAD_S)
@@ -298,7 +303,9 @@ class Footing:
     def tilt_rad(self) -> float:
         """Tilt at which leg and foot hang still under the ball joint; positive moves the foot to the heel's side."""
         ankle = self.ankle
-        foot_x_m, _, foot_z_m = ankle.foot_centre_m
+        (x_m, _, z_m), pitch = ankle.foot_centre_m, ankle.hang_pitch_rad
+        foot_x_m = x_m * math.cos(pitch) + z_m * math.sin(pitch)
+        foot_z_m = z_m * math.cos(pitch) - x_m * math.sin(pitch)
         leg_kg = ankle.mass_kg - ankle.foot_mass_kg
         forward_m = ankle.foot_mass_kg * foot_x_m / ankle.mass_kg
         up_m = (leg_kg * ankle.tendon_length_m / 2.0 + ankle.foot_mass_kg * foot_z_m) / ankle.mass_kg

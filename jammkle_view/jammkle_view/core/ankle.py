@@ -10,7 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_common import names
-from jammkle_view.core.samples import Base, ChannelState, Description, Event, Imu, JamReport, Joints, Pressure, Tendons
+from jammkle_sim.physics.constants import TendonParameters
+from jammkle_view.core.samples import (
+    Base,
+    ChannelState,
+    Description,
+    Event,
+    Imu,
+    JamReport,
+    Joints,
+    Landing,
+    Pressure,
+    Tendons,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -120,6 +132,7 @@ _EVENTS = 50
 PRESSURE_LINES: tuple[str, ...] = (*names.CHANNELS, "manifold")
 IMU_LINES: tuple[str, ...] = ("x", "y", "z")
 TENSION_LINES: tuple[str, ...] = names.TENDONS
+BREAK_M = TendonParameters().break_extension_m
 _PRESSURE_TOPICS = (*(names.PRESSURES[channel].name for channel in names.CHANNELS), names.MANIFOLD_PRESSURE.name)
 _CHANNEL_OF_TENDON = {tendon: channel for channel, tendons in names.TENDONS_OF_CHANNEL.items() for tendon in tendons}
 
@@ -131,11 +144,24 @@ class AnkleState:
     joints: Mapping[str, float] = field(default_factory=dict)
     """Positions by name, rad or m."""
     tensions_n: Mapping[str, float] = field(default_factory=dict)
+    extensions_m: Mapping[str, float] = field(default_factory=dict)
+    """Lengths of tendons beyond the free one."""
     broken: frozenset[str] = frozenset()
     """Tendons that are."""
     channels: Mapping[str, Channel] = field(default_factory=dict)
     base: Base | None = None
     """Where the robot is, if somebody publishes it."""
+    landing: Landing | None = None
+    """The latest."""
+
+    def left_m(self, tendon: str) -> float:
+        """Return by how much a tendon can still be stretched, m; NaN where nobody knows.
+
+        What ends it: of the Achilles pair of a foot that hangs toe-down its sole, flat on level ground; else it tears.
+        """
+        travel_m = 0.0 if self.landing is None else self.landing.travel_m
+        most_m = travel_m if travel_m > 0.0 and _CHANNEL_OF_TENDON.get(tendon) == names.ACHILLES else BREAK_M
+        return max(most_m - max(self.extensions_m.get(tendon, math.nan), 0.0), 0.0)
 
     def state_of(self, tendon: str) -> ChannelState:
         """Return the state of the channel that a tendon hangs on."""
@@ -178,6 +204,7 @@ class Ankle(AnkleState):
             case Tendons():
                 self._measured_at(sample.time_s)
                 self.tensions_n, self.broken = dict(sample.tensions_n), sample.broken
+                self.extensions_m = dict(sample.extensions_m)
                 self.pulls_n.append(sample.time_s, [self.tensions_n.get(name, math.nan) for name in TENSION_LINES])
             case Pressure():
                 self._measured_at(sample.time_s)
@@ -192,6 +219,8 @@ class Ankle(AnkleState):
                 self.channels, self.emergency_stopped = dict(sample.channels), sample.emergency_stopped
             case Event():
                 self.events.append(sample)
+            case Landing():
+                self.landing = sample
             case Description():
                 self.description = sample.text
 

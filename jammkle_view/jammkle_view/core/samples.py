@@ -6,7 +6,7 @@ Messages of rclpy and of a bag's reader have the same fields.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -48,11 +48,12 @@ class Joints:
 
 @dataclass(frozen=True)
 class Tendons:
-    """Pull of tendons by name, N, and which of them are broken."""
+    """Pull of tendons by name, N, which of them are broken, and their lengths beyond the free one, m."""
 
     time_s: float
     tensions_n: Mapping[str, float]
     broken: frozenset[str]
+    extensions_m: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -113,13 +114,25 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Landing:
+    """What the controller chose for a touch-down, and what it takes to have come of it. Vacuums are gauge, Pa."""
+
+    time_s: float
+    chosen_vacuum_pa: float
+    reached_vacuum_pa: float
+    travel_m: float
+    """Of the Achilles pair until a hanging foot is flat on level ground."""
+    why: str
+
+
+@dataclass(frozen=True)
 class Description:
     """The text of sim_parameters: which rig is simulated, and all its parameters, as YAML."""
 
     text: str
 
 
-Sample = Joints | Tendons | Pressure | Imu | Base | JamReport | Event | Description
+Sample = Joints | Tendons | Pressure | Imu | Base | JamReport | Event | Landing | Description
 """Anything that the page takes."""
 
 
@@ -194,6 +207,7 @@ def _tendons(message: Any) -> Tendons:
         _stamp_s(message),
         {tendon.name: float(tendon.tension_n) for tendon in message.tendons},
         frozenset(tendon.name for tendon in message.tendons if tendon.condition == _BROKEN),
+        {tendon.name: float(tendon.extension_m) for tendon in message.tendons},
     )
 
 
@@ -245,6 +259,11 @@ def _event(message: Any) -> Event:
     return Event(_stamp_s(message), kind, float(message.magnitude), message.unit, float(message.detection_delay_s))
 
 
+def _landing(message: Any) -> Landing:
+    chosen_pa, reached_pa = float(message.chosen_vacuum_pa), float(message.reached_vacuum_pa)
+    return Landing(_stamp_s(message), chosen_pa, reached_pa, float(message.travel_m), str(message.why))
+
+
 def _description(message: Any) -> Description:
     return Description(str(message.data))
 
@@ -257,6 +276,7 @@ TAKERS: dict[str, Callable[[Any], Sample]] = {
     **{topic.name: partial(_pressure, topic.name) for topic in (names.MANIFOLD_PRESSURE, *names.PRESSURES.values())},
     names.JAM_STATE.name: _jam_report,
     names.CONTACT_EVENTS.name: _event,
+    names.LANDING.name: _landing,
     names.SIM_PARAMETERS.name: _description,
 }
 """What a message of each topic becomes."""

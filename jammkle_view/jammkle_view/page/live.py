@@ -68,6 +68,8 @@ class LivePage:
         self._sim = SimControls(gui, request)
         with gui.add_folder("Felt by the controller"):
             self._events = gui.add_html(words.events_html(()))
+        with gui.add_folder("Latest landing, and what is left"):
+            self._landing = gui.add_html(words.landing_html(known.AnkleState()))
         gui.add_html(words.legend_html())
         plots = gui.add_panel()
         plots.dock_left()
@@ -167,6 +169,7 @@ class LivePage:
             )
         )
         self._events.content = words.events_html(ankle.events)
+        self._landing.content = words.landing_html(ankle)
         self._show_label(ankle)
 
     def _show_label(self, ankle: Ankle) -> None:

@@ -6,15 +6,18 @@ import html
 import math
 from typing import TYPE_CHECKING
 
+from jammkle_common.names import TENDONS
 from jammkle_view.core.figure import EVENT_TINTS, FULL_TENSION_N, STATE_TINTS, css
 from jammkle_view.core.samples import ChannelState
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from jammkle_view.core.ankle import AnkleState
     from jammkle_view.core.samples import Channel, Event
 
 _PA_PER_KPA = 1000.0
+_PER_MILLI = 1000.0
 _BOX = "padding: 2px 12px; font-size: 12px; line-height: 1.5"
 
 
@@ -66,6 +69,25 @@ def events_html(events: Sequence[Event], most: int = 6) -> str:
         for event in sorted(events, key=lambda each: -each.time_s)[:most]
     )
     return f'<div style="{_BOX}"><table style="border-collapse: collapse; font-size: 12px">{rows}</table></div>'
+
+
+def landing_html(ankle: AnkleState) -> str:
+    """Return what was chosen for the latest landing and what was reached, and how far each tendon still stretches."""
+    rows = [
+        (
+            name.replace("_", " "),
+            number(_PER_MILLI * ankle.extensions_m.get(name, math.nan), ".1f", " mm"),
+            number(_PER_MILLI * ankle.left_m(name), ".1f", " mm"),
+        )
+        for name in TENDONS
+    ]
+    landing = ankle.landing
+    said = "no touch-down yet"
+    if landing is not None:
+        chosen, reached = (pa / _PA_PER_KPA for pa in (landing.chosen_vacuum_pa, landing.reached_vacuum_pa))
+        said = f"<b>chosen {chosen:.0f} kPa, reached {reached:.0f} kPa</b> at {landing.time_s:.2f} s: "
+        said += html.escape(landing.why)
+    return f'<div style="{_BOX}">{said}</div>' + table_html(("tendon", "stretched by", "left"), rows)
 
 
 def legend_html() -> str:

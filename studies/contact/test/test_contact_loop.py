@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -22,11 +23,14 @@ from jammkle_common.testing import own_domain
 from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.landing import RATED_KG, Landing
 from jammkle_controller.core.leg import LegLoad, LegReading
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Received, replay
+from jammkle_driver.parameters import DriverParameters
 from jammkle_msgs.msg import ContactEvent, JamCommand
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_sim.rigs.rig import FootPlan
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.loop import AnkleLoop
@@ -47,7 +51,7 @@ FLAT = {"hang_pitch_deg": 0.0, "reservoir_volume_m3": 0.0}
 def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
     """Drop the landing rig with controller and driver around it; return them and what the IMU read."""
     simulation = landing_simulation(LandingOptions(release_time_s=0.5))
-    loop = AnkleLoop(simulation.ankle, ControllerParameters())
+    loop = AnkleLoop(simulation.ankle, ControllerParameters(), tick_rate_hz=500)
     samples = []
     for _ in range(round(duration_s * 500)):
         simulation.advance(round(0.002 / simulation.timestep_s))
@@ -123,21 +127,79 @@ def message_of(sample: ImuSample) -> Imu:
     return message
 
 
+HEIGHT_M = 0.1
+FILLED_S, EMPTY_S = 2.5, 0.05
+"""Into a simulation: when its reservoir has been evacuated, and when it has hardly begun to be."""
+
+
+def fall(
+    release_s: float = FILLED_S, imu: str = "body", plan: FootPlan | None = None, **controller: float
+) -> tuple[AnkleLoop, Landing]:
+    """Let a leg that has hung fall by 0.1 m; return the loop when it stands, and what was chosen for the landing."""
+    options = RobotOptions(behaviour="drop", imu=imu, drop_height_m=HEIGHT_M, release_time_s=release_s)
+    simulation = robot_simulation("leg", options)
+    if plan is not None:
+        simulation.ankle.plan = lambda: plan  # type: ignore[method-assign]
+    parameters = ControllerParameters(imu_mount=imu, hang_pitch_deg=options.hang_pitch_deg, **controller)
+    loop = AnkleLoop(simulation.ankle, parameters, DriverParameters(reservoir_volume_m3=options.reservoir_volume_m3))
+    landings: list[Landing] = []
+    for sample in simulation.samples(release_s + 0.3, 500):
+        loop.step(sample.time_s)
+        landing = loop.controller.landing
+        if landing is not None and landing not in landings:
+            landings.append(landing)
+    return loop, landings[0]
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [None, FootPlan(bears=True, phase=0.25), FootPlan(bears=False, phase=0.75)],
+    ids=["no gait", "stands", "air"],
+)
+def test_a_fall_counts_from_its_begin_whatever_a_gait_plans(plan: FootPlan | None) -> None:
+    """A leg that hung is met for its speed, sqrt(2 g h), with the vacuum for that: what the gait says is a lie."""
+    loop, landing = fall(plan=plan)
+    assert landing.speed_m_s == pytest.approx(math.sqrt(2.0 * 9.80665 * HEIGHT_M), abs=0.06)
+    assert landing.reached_pa > landing.chosen_pa > 30e3
+    assert not landing.surprised
+    braced_s = min(time_ns for time_ns, asked_pa in loop.commands if asked_pa["achilles"] > 0.0) * 1e-9
+    assert FILLED_S < braced_s < landing.time_ns * 1e-9
+
+
+def test_a_late_pump_and_ten_times_the_load_end_in_full_vacuum() -> None:
+    """What was chosen and what was reached are said; the safer thing is as stiff as it gets."""
+    late, heavy = fall(EMPTY_S), fall(load_kg=10.0 * RATED_KG)
+    for (loop, landing), said in ((late, "too short a time"), (heavy, "the heel may strike")):
+        assert said in landing.why
+        asked_pa = next(asked_pa for time_ns, asked_pa in loop.commands if time_ns >= landing.time_ns)
+        assert max(asked_pa.values()) == ControllerParameters().full_vacuum_pa
+    assert late[1].reached_pa < late[1].chosen_pa
+
+
+def test_a_fall_that_is_not_seen_ends_in_a_jam_at_once() -> None:
+    """A shank that swings is as light as one that falls, so that an IMU there sees no fall of a leg that hung."""
+    loop, landing = fall(imu="shank")
+    assert landing.surprised
+    assert "nothing foresaw it" in landing.why
+    jammed_ns = min(time_ns for time_ns, asked_pa in loop.commands if any(asked_pa.values()))
+    assert 0 <= jammed_ns - landing.time_ns <= 8_000_000  # two ticks: jam_delay_s is not waited for
+
+
 def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Received], list[bool]]:
     """Walk a leg in the loop; return it, what a bag of the graph would hold, and whether each true swing was held."""
     simulation = robot_simulation("leg", RobotOptions(behaviour="walk", imu=imu, **FLAT))
     loop = AnkleLoop(simulation.ankles["ankle"], ControllerParameters(imu_mount=imu))
     received: list[Received] = []
     held: list[bool] = []
-    for number, sample in enumerate(simulation.samples(duration_s, 500)):
+    for sample in simulation.samples(duration_s, 500):
         (ankle,) = sample.ankles.values()
         time_ns = round(sample.time_s * NANOSECONDS_PER_SECOND)
-        if number == 0 or time_ns % STATE_PERIOD_NS == 0:
+        if time_ns % STATE_PERIOD_NS == 0:
             received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
             if ankle.plan is not None:
                 received.append(Received(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
                 if ankle.plan.phase is not None:
-                    received.append(Received(time_ns, Input.GAIT_PHASE, ankle.plan.phase))
+                    received.append(Received(time_ns, Input.GAIT_PHASE, float(np.float32(ankle.plan.phase))))
         received.append(Received(time_ns, loop.step(sample.time_s)))
         if sample.time_s > 1.5 and not ankle.foot.stands:
             held.append(loop.controller.vacuum_pa > 0.0)
@@ -173,10 +235,10 @@ def test_efforts_report_every_step_of_a_leg_on_any_mount() -> None:
     received: list[Received] = []
     stands: list[bool] = []
     errors_n: list[float] = []
-    for number, sample in enumerate(simulation.samples(4.0, 500)):
+    for sample in simulation.samples(4.0, 500):
         (ankle,) = sample.ankles.values()
         time_ns = round(sample.time_s * NANOSECONDS_PER_SECOND)
-        if number == 0 or time_ns % STATE_PERIOD_NS == 0:
+        if time_ns % STATE_PERIOD_NS == 0:
             columns = (ankle.positions, ankle.velocities, ankle.efforts)
             reading = LegReading(*(column[joint] for column in columns for joint in ("hip", "knee")))
             load_n = load.update(reading, time_ns)
