@@ -25,6 +25,8 @@ from jammkle_common.names import (
     TOPICS,
 )
 from jammkle_common.testing import own_domain
+from jammkle_gap import Verdict
+from jammkle_gap.report.words import VERDICTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -142,7 +144,7 @@ def test_the_demo_leaves_the_page_of_its_gap(landing: dict[str, Any]) -> None:
     page = landing["run"] / "gap.html"
     assert page.samefile(landing["page"])
     said = " ".join(unescape(re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8"))).split())
-    assert landing["diagnosis"]["verdict"].replace("_", " ") in said
+    assert VERDICTS[Verdict(landing["diagnosis"]["verdict"])].upper() in said
     assert f"jammkle demo --effect {EFFECT}" in said
     corrected = yaml.safe_load((landing["run"] / "corrected.yaml").read_text(encoding="utf-8"))
     assert (corrected is not None) == (landing["diagnosis"]["verdict"] in {"EFFECTS", "AMBIGUOUS"})
@@ -158,7 +160,7 @@ def test_the_demo_finds_what_it_was_not_told(landing: dict[str, Any]) -> None:
     assert gap["corrected"] < gap["nominal"]
     assert gap["closed"] > 0.5
     before, _, after = landing["text"].partition("in truth: ")
-    assert f"verdict: {landing['diagnosis']['verdict'].replace('_', ' ')}" in before
+    assert f"verdict: {VERDICTS[Verdict(landing['diagnosis']['verdict'])]}." in before
     assert EFFECT in after
     assert "first answer, before any fit" in landing["text"]
 

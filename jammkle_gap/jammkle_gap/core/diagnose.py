@@ -15,7 +15,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.detect import classes_of
 from jammkle_gap.core.fit import grid_features, grid_signatures, screen
 from jammkle_gap.core.joint import Machine, explain
-from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of
+from jammkle_gap.core.scatter import difference_of, refuse_copies, residuals_of, settings_of
 from jammkle_gap.core.search import search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
 from jammkle_gap.core.simulate import Runner, Task
@@ -100,6 +100,7 @@ def evidence_of(
         msg = "there is no recording to diagnose; give one or more"
         raise BadRecordingError(msg)
     settings = settings_of(recordings, references, problem)
+    refuse_copies(settings)
     if references and not any(setting.references for setting in settings):
         made_in = ", ".join(sorted({each.setting or each.name for each in references}))
         asked = ", ".join(setting.name for setting in settings)

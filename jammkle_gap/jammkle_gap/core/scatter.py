@@ -222,7 +222,7 @@ def settings_of(
     """Group runs by their setting; those that name none are by themselves.
 
     Raises:
-        BadRecordingError: runs of a setting do not overlap, have no signal in common, or are copies.
+        BadRecordingError: runs of a setting do not overlap, or have no signal in common.
 
     """
     groups: dict[str, tuple[list[Recording], list[Recording]]] = {}
@@ -240,19 +240,26 @@ def settings_of(
             )
             for runs in (faulty, healthy)
         )
-        _refuse_copies([*faulty, *healthy], np.concatenate([first, second]))
         found.append(Setting(name, layout, tuple(faulty), tuple(healthy), first, second))
     return tuple(found)
 
 
-def _refuse_copies(runs: Sequence[Recording], features: NDArray[np.float64]) -> None:
+def refuse_copies(settings: Sequence[Setting]) -> None:
+    """Refuse runs that are the same samples under two names: they would scatter by nothing.
+
+    Raises:
+        BadRecordingError: as said, with the names.
+
+    """
     known: dict[bytes, str] = {}
-    for run, row in zip(runs, features, strict=True):
-        other = known.setdefault(row.tobytes(), run.name)
-        if other != run.name:
-            msg = f"{run.name} is a copy of {other}: repeats show how much a machine scatters, and a copy shows nothing"
-            msg += "; leave it out, or give a run of its own"
-            raise BadRecordingError(msg)
+    for setting in settings:
+        rows = np.concatenate([setting.faulty_features, setting.reference_features])
+        for run, row in zip((*setting.faulty, *setting.references), rows, strict=True):
+            other = known.setdefault(row.tobytes(), run.name)
+            if other != run.name:
+                msg = f"{run.name} is a copy of {other}: repeats show how much a machine scatters, and a copy shows "
+                msg += "nothing; leave it out, or give a run of its own"
+                raise BadRecordingError(msg)
 
 
 @dataclass(frozen=True)
