@@ -66,18 +66,16 @@ def take(name: str, arguments: tuple[str, ...], prepare: Callable[[Browser], Non
 def first_screen_of_a_gap(folder: Path) -> None:
     """Diagnose a leak, and keep what the page shows before anybody scrolls."""
     (folder / "leak.yaml").write_text(LEAK)
-    references = [part for repeat in range(5) for part in ("--since", f"healthy_{repeat}")]
     calls = (
-        ("rig", "pressure", "--repeats", "5", "-o", "healthy"),
         ("rig", "pressure", "--effects", "leak.yaml", "--seed", "3", "-o", "leaking"),
-        ("gap", "diagnose", "leaking", *references, "-o", "gap"),
+        ("gap", "diagnose", "leaking", "-o", "gap"),
     )
     with own_domain() as domain_id:
         for call in calls:
             if Up(domain_id, folder, *call).wait(DIAGNOSED_S) != 0:
                 msg = f"jammkle {' '.join(call)} failed"
                 raise RuntimeError(msg)
-    with Browser(folder / "browser", (1280, 640)) as browser:
+    with Browser(folder / "browser", (1280, 700)) as browser:
         browser.open((folder / "gap" / "gap.html").as_uri())
         browser.wait_for_text("How far".upper())
         keep(browser, "gap")
