@@ -35,7 +35,7 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
     r"jammkle gap diagnose runs/(leaking|leg)": _DIAGNOSIS,
-    r"jammkle up --robot leg -p sim:behaviour:=hang|jammkle exercise": "test/test_exercises.py",
+    r"jammkle up --robot leg -p sim:behaviour:=hang|jammkle exercise|jammkle gap session": "test/test_exercises.py",
     r"jammkle gap diagnose --model": "jammkle_gap/test/test_mujoco_diagnosis.py",
     r"jammkle hardware check": _CHECK,
     r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,

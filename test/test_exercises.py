@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from graph import environment
 from jammkle_bringup.core.shank_course import Limb, course_of, spoken
 from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
 from jammkle_common.names import JAM_STATE
@@ -28,6 +31,20 @@ if TYPE_CHECKING:
 
 TIMEOUT_S = 240.0
 """Of real time, for half a minute of simulated time beside other tests."""
+
+
+SESSION = """
+import sys
+from types import SimpleNamespace
+import jammkle_gap.session as room
+from jammkle_common.command.main import main
+from jammkle_gap.core.result import NextExperiment
+following = NextExperiment("exercise cycle -p vacuum_pa:=20000", 12.0, "angle", 5.0, 0.1, "rad", "they differ")
+said = [SimpleNamespace(next_experiment=each, candidates=(), finished=True) for each in (following, None)]
+room.diagnose = lambda request: said.pop(0)
+sys.exit(main(["gap", "session", sys.argv[1]]))
+"""
+"""A session whose diagnosis, of minutes, is made up."""
 
 
 def course(name: str, **options: object) -> ShankCourse:
@@ -84,9 +101,12 @@ def test_a_person_is_told_what_to_do_when() -> None:
 
 
 def test_a_leg_shakes_and_presses_and_is_recorded(
-    start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
+    domain_id: int, start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:
-    """Its own joints move the shank, its driver the valves; bags are whole, and what they hold is simulated again."""
+    """Its own joints move the shank, its driver the valves; bags are whole, and what they hold is simulated again.
+
+    A session then records the exercise that would separate what is left, without asking, as the robot is simulated.
+    """
     start("up", "--robot", "leg", "--speed", "0", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
     probe = make_probe()
     probe.listen(JAM_STATE)
@@ -105,3 +125,11 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
         assert recording.inputs.shank is not None
         assert np.ptp(recording.signal("ankle_pitch/position").values) > 0.005
         assert worst_angle_gap(recording) < 2.5
+    for name in ("cycle", "tilt"):
+        (tmp_path / "bags" / name).mkdir()
+        (tmp_path / "bags" / name / "metadata.yaml").touch()
+    session = [sys.executable, "-c", SESSION, str(tmp_path / "bags")]
+    asked = subprocess.run(session, env=environment(domain_id), capture_output=True, text=True, check=False)
+    assert asked.returncode == 0, asked.stderr
+    assert "next: jammkle exercise cycle -p vacuum_pa:=20000, 12 s" in asked.stderr
+    assert read_sheet(tmp_path / "bags" / "cycle_2", None).options["vacuum_pa"] == 20e3

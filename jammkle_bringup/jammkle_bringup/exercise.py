@@ -18,6 +18,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -41,6 +42,7 @@ from jammkle_common.names import (
     JOINT_STATES,
     JOINT_TRAJECTORY,
     LEG_JOINTS,
+    LOCKSTEP,
     ODOMETRY,
     QUADRUPED_ANKLES,
     SET_AUTO,
@@ -49,7 +51,7 @@ from jammkle_common.names import (
     resolved,
 )
 from jammkle_common.parameters import ParameterError, from_mapping, rows
-from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.qos import answer_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.rigs.catalogue import EXERCISES
 from jammkle_sim.rigs.model import hung
@@ -86,9 +88,6 @@ class _Heard:
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     """By ankle, position by joint, rad."""
     hip_height_m: float | None = None
-
-    def take_clock(self, tick: Clock) -> None:
-        self.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
 
     def take_odometry(self, message: Odometry) -> None:
         self.hip_height_m = float(message.pose.pose.position.z)
@@ -163,7 +162,6 @@ class _Session:
         self._client = client
         self._heard = _Heard()
         self._ankles = client.ankles()
-        client.subscribe(Clock, CLOCK, self._heard.take_clock, subscriber_qos(CLOCK))
         client.subscribe(Odometry, ODOMETRY, self._heard.take_odometry, subscriber_qos(ODOMETRY))
         self._limb_over_ground: Limb | None = None
         self._places = {}
@@ -178,6 +176,10 @@ class _Session:
         self._trajectory = client.node.create_publisher(
             JointTrajectory, resolved(client.namespace, JOINT_TRAJECTORY.name), publisher_qos(JOINT_TRAJECTORY)
         )
+        # A simulation waits for this node, so that places and commands have the stamps at which they count. The clock
+        # comes last: an executor of rclpy serves what has arrived in the order in which a node subscribed.
+        self._done = client.node.create_publisher(Header, resolved(client.namespace, LOCKSTEP.name), answer_qos())
+        client.subscribe(Clock, CLOCK, self._take_clock, subscriber_qos(CLOCK))
         client.wait_until(lambda: set(self._heard.joints) == set(self._ankles), _SEEN_S)
         self._built = {name: self._value_of(node, name) for node, name in AS_BUILT}
         self._set_auto(automatic=False)
@@ -326,6 +328,10 @@ class _Session:
             for place, at_s in enumerate(time_s)
         ]
         self._trajectory.publish(JointTrajectory(joint_names=list(angles), points=points))
+
+    def _take_clock(self, tick: Clock) -> None:
+        self._heard.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
+        self._done.publish(Header(stamp=tick.clock, frame_id=self._client.node.get_fully_qualified_name()))
 
     def _take_joints(self, ankle: str, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))

@@ -245,14 +245,14 @@ def settings_of(
 
 
 def refuse_copies(settings: Sequence[Setting]) -> None:
-    """Refuse runs that are the same samples under two names: they would scatter by nothing.
+    """Refuse runs of a setting that are the same samples under two names: they would scatter by nothing.
 
     Raises:
         BadRecordingError: as said, with the names.
 
     """
-    known: dict[bytes, str] = {}
     for setting in settings:
+        known: dict[bytes, str] = {}
         rows = np.concatenate([setting.faulty_features, setting.reference_features])
         for run, row in zip((*setting.faulty, *setting.references), rows, strict=True):
             other = known.setdefault(row.tobytes(), run.name)
