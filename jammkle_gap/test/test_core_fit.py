@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from jammkle_common.command.errors import StopRequest
-from jammkle_gap import Constants, Effect, EffectParameter
+from jammkle_gap import Constants, Effect, EffectParameter, Recording, Signal
 from jammkle_gap.backend import backend
 from jammkle_gap.core.fit import Profiles, refine
 from jammkle_gap.core.signatures import grid_of
-from jammkle_gap.core.simulate import Problem, Runner, StoppedError
+from jammkle_gap.core.simulate import Problem, Runner, StoppedError, simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -192,3 +192,14 @@ def test_a_stop_ends_a_long_run_and_keeps_what_was_done(
 
 class _Sendable:
     simulator = alignment = None
+
+
+def test_a_stop_within_a_run_is_no_failure_of_the_simulator() -> None:
+    """A signal may come while the simulator is at work."""
+
+    def stopped(_recording: Recording, _values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        raise StoppedError
+
+    blank = Recording("run", (Signal("angle", "rad", np.arange(3.0), np.zeros(3), 0.1),), None)
+    with pytest.raises(StoppedError):
+        simulated(stopped, blank, {})

@@ -241,7 +241,7 @@ def simulated(
     """
     try:
         return simulator(recording, values)
-    except InfeasibleError:
+    except (InfeasibleError, StoppedError):
         raise
     except Exception as error:  # whatever a user's simulator may raise
         given = ", ".join(f"{name}={value:g}" for name, value in values.items()) or "no effect"
