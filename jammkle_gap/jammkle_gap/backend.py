@@ -40,6 +40,8 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
     """
     # Whoever stops on the way knows that not everything was done.
     warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed", UserWarning)
+    # A worker that waited for long, or has grown, is replaced: nothing is lost, and nobody need do anything.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
     if scheduler is None:
         config = joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),))
         with _without_complaints(), config:
