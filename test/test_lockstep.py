@@ -196,17 +196,17 @@ def test_a_node_of_ones_own_takes_part_in_ten_lines(
     probe.spin_until(lambda: guest.get_subscription_count() > 0, "it is listened to")
 
     now = probe.last(CLOCK).clock
-    for stamp, told in (
+    for stamp, reported in (
         (Time(sec=1_000_000), "/guest says it is done with 1000000.0000 s"),
         (Time(), "/guest keeps saying that it is done with 0.0000 s"),
         (now, "/guest answers twice: two nodes have that name"),
     ):
 
-        def nonsense(stamp: Time = stamp, told: str = told) -> bool:
+        def nonsense(stamp: Time = stamp, reported: str = reported) -> bool:
             guest.publish(Header(frame_id="/guest", stamp=stamp))
-            return told in reports(probe)
+            return reported in reports(probe)
 
-        probe.spin_until(nonsense, told)
+        probe.spin_until(nonsense, reported)
     before_s = simulated_s(probe)
     go_on(probe, 1)
     assert simulated_s(probe) > before_s

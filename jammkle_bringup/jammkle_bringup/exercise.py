@@ -81,7 +81,7 @@ _STANDS_S = 10.0
 
 
 @dataclass
-class _Heard:
+class _Received:
     """What has come from the graph so far."""
 
     time_s: float | None = None
@@ -160,9 +160,9 @@ class _Session:
 
     def __init__(self, client: GraphClient) -> None:
         self._client = client
-        self._heard = _Heard()
+        self._received = _Received()
         self._ankles = client.ankles()
-        client.subscribe(Odometry, ODOMETRY, self._heard.take_odometry, subscriber_qos(ODOMETRY))
+        client.subscribe(Odometry, ODOMETRY, self._received.take_odometry, subscriber_qos(ODOMETRY))
         self._limb_over_ground: Limb | None = None
         self._places = {}
         for ankle in self._ankles:
@@ -180,7 +180,7 @@ class _Session:
         # comes last: an executor of rclpy serves what has arrived in the order in which a node subscribed.
         self._done = client.node.create_publisher(Header, resolved(client.namespace, LOCKSTEP.name), answer_qos())
         client.subscribe(Clock, CLOCK, self._take_clock, subscriber_qos(CLOCK))
-        client.wait_until(lambda: set(self._heard.joints) == set(self._ankles), _SEEN_S)
+        client.wait_until(lambda: set(self._received.joints) == set(self._ankles), _SEEN_S)
         self._built = {name: self._value_of(node, name) for node, name in AS_BUILT}
         self._set_auto(automatic=False)
 
@@ -216,7 +216,7 @@ class _Session:
         if (
             not limbs
             and has_ground(rig)
-            and not all(CARRIAGE_JOINT in joints for joints in self._heard.joints.values())
+            and not all(CARRIAGE_JOINT in joints for joints in self._received.joints.values())
         ):
             msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
             msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
@@ -294,7 +294,7 @@ class _Session:
     def _limbs(self) -> dict[str, Limb]:
         """Return the limb of every ankle whose joints are seen."""
         found = {}
-        for ankle, joints in self._heard.joints.items():
+        for ankle, joints in self._received.joints.items():
             if set(LEG_JOINTS[1:]) <= set(joints):
                 offset_m = place_of(ankle).get("hip_offset_m", 0.0) if ankle in QUADRUPED_ANKLES else 0.0
                 found[ankle] = Limb(
@@ -307,12 +307,12 @@ class _Session:
         course, found = course_of(rig, timestep_s(rig)), {}
         for ankle, limb in limbs.items():
             if has_ground(rig):
-                if not self._client.wait_until(lambda: self._heard.hip_height_m is not None, _SEEN_S):
+                if not self._client.wait_until(lambda: self._received.hip_height_m is not None, _SEEN_S):
                     msg = (
                         f"{ODOMETRY.name} is not published, so that nobody knows how high the hips are over the ground"
                     )
                     raise GraphError(msg)
-                angles_rad = limb.pressing_rad(course, float(self._heard.hip_height_m or 0.0))
+                angles_rad = limb.pressing_rad(course, float(self._received.hip_height_m or 0.0))
             else:
                 angles_rad = limb.hanging_rad(course)
             side = f"{ankle.partition('_')[0]}_" if ankle else ""
@@ -330,22 +330,22 @@ class _Session:
         self._trajectory.publish(JointTrajectory(joint_names=list(angles), points=points))
 
     def _take_clock(self, tick: Clock) -> None:
-        self._heard.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
+        self._received.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
         self._done.publish(Header(stamp=tick.clock, frame_id=self._client.node.get_fully_qualified_name()))
 
     def _take_joints(self, ankle: str, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
         if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
             return  # its own
-        self._heard.joints[ankle] = angles
-        if self._limb_over_ground is not None and self._heard.hip_height_m is not None:
+        self._received.joints[ankle] = angles
+        if self._limb_over_ground is not None and self._received.hip_height_m is not None:
             limb = self._limbs()[ankle]
-            place_m = limb.place_m(angles, self._heard.hip_height_m)
+            place_m = limb.place_m(angles, self._received.hip_height_m)
             joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]
             self._places[ankle].publish(JointState(header=message.header, name=joints, position=list(place_m)))
 
     def _now_s(self) -> float:
-        return time.monotonic() if self._heard.time_s is None else self._heard.time_s
+        return time.monotonic() if self._received.time_s is None else self._received.time_s
 
     def _wait(self, lasts_s: float) -> None:
         """Wait on the graph's clock.
