@@ -54,6 +54,9 @@ def busy_loops(count: int = 4) -> Iterator[None]:
             each.wait()
 
 
+FOR_EVER = ("-p", "sim:lockstep_timeout_s:=0.0")
+
+
 def paused_graph(start: Callable[..., Up], probe: Probe, *arguments: str) -> Up:
     """Bring a graph up that is recorded and waits at time zero."""
     up = start("up", "--record", "bag", "-p", "sim:start_paused:=true", *arguments)
@@ -103,14 +106,17 @@ def bag_of(up: Up) -> Path:
 def test_the_same_seed_gives_the_same_bag_on_any_machine(
     start: Callable[..., Up], make_probe: Callable[..., Probe]
 ) -> None:
-    """Idle, and beside four busy loops with a driver that is stopped for a while, every message agrees to the byte."""
+    """Idle, and beside four busy loops with a driver that is stopped for a while, every message agrees to the byte.
+
+    Both are waited for without end: by default who does not answer for a second, on whatever machine, is gone without.
+    """
     probe = make_probe()
-    up = paused_graph(start, probe)
+    up = paused_graph(start, probe, *FOR_EVER)
     go_on(probe, 6)
     ask_for_jams(probe)
     assert up.stop() == 0
     with busy_loops():
-        other = paused_graph(start, probe, "-p", "sim:lockstep_timeout_s:=0.0")
+        other = paused_graph(start, probe, *FOR_EVER)
         go_on(probe, 5)
         probe.listen(DIAGNOSTICS)
         driver = other.child("jammkle_driver")
