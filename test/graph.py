@@ -93,9 +93,14 @@ class Probe:
         """Publisher of `topic` with the project's own QoS."""
         return self.node.create_publisher(interface(topic.message_type), topic.name, publisher_qos(topic))
 
+    def has(self, topic: Topic) -> bool:
+        """Whether a message of `topic` was received."""
+        return bool(self.received[topic.name])
+
     def last(self, topic: Topic) -> Any:
-        """Latest message of `topic`, or None."""
-        return self.received[topic.name][-1] if self.received[topic.name] else None
+        """Latest message of `topic`; the first one is waited for."""
+        self.spin_until(lambda: self.has(topic), f"{topic.name} is received")
+        return self.received[topic.name][-1]
 
     def spin_until(self, holds: Callable[[], bool], what: str, timeout_s: float = TIMEOUT_S) -> None:
         """Serve callbacks until `holds()`; fail with the last messages if it never does.
@@ -132,8 +137,9 @@ class Probe:
 
     def channel_states(self) -> dict[str, int]:
         """State per channel as last received on jam_state; empty if none was received."""
-        state = self.last(JAM_STATE)
-        return {channel.channel: channel.state for channel in state.channels} if state else {}
+        if not self.has(JAM_STATE):
+            return {}
+        return {channel.channel: channel.state for channel in self.last(JAM_STATE).channels}
 
     def wait_for_channels(self, state: int, *channels: str) -> None:
         """Wait until these channels (all, if none is named) report `state`."""
@@ -160,8 +166,7 @@ class Probe:
         """Spin until something holds, and jam these channels (all, if none is named) again whenever a board let go."""
 
         def holds_jammed() -> bool:
-            state = self.last(JAM_STATE)
-            if state is not None and state.fault.reason == Fault.BOARD_LET_GO:
+            if self.has(JAM_STATE) and self.last(JAM_STATE).fault.reason == Fault.BOARD_LET_GO:
                 self.received[JAM_STATE.name].clear()
                 self.call(JAM, channels=list(channels))
             return holds()

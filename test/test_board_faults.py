@@ -133,7 +133,7 @@ def test_what_fails_behind_the_pins_is_reported_apart(scene: Scene, plant: Fault
         scene.bench.longest_gap_s = 0.0
         broke_s = time.monotonic()
         plant.inject(broken.fault, broken.place, broken.size)
-        scene.probe.spin_until(lambda: scene.probe.last(JAM_STATE) is not None, "jam_state is received")
+        scene.probe.spin_until(lambda: scene.probe.has(JAM_STATE), "jam_state is received")
         reported = shake_until_reported(scene, broken)
         sys.stdout.write(f"{name}: {scene.delay_s(broke_s, all_off):.2f} s, {reported.text}\n")
         disturbed = {each.fault.reason for each in scene.probe.received[JAM_STATE.name]} & BUSY

@@ -177,7 +177,7 @@ def test_unconfigured_it_touches_nothing_and_inactive_it_only_senses(make_scene:
     assert scene.link() == DiagnosticStatus()  # nobody has opened the port
     assert probe.node.count_publishers(MANIFOLD_PRESSURE.name) == 0
     assert change(Transition.TRANSITION_CONFIGURE)
-    probe.spin_until(lambda: probe.last(MANIFOLD_PRESSURE) is not None, "pressures are sensed")
+    probe.spin_until(lambda: probe.has(MANIFOLD_PRESSURE), "pressures are sensed")
     refused = probe.call(JAM_ALL)
     assert not refused.success
     assert "activate" in refused.message

@@ -52,7 +52,7 @@ def test_controller_and_driver_share_a_process(
     assert probe.call(SET_AUTO, data=False).success
     assert probe.call(JAM, vacuum_pa=40e3).success
     commanded = (PUMP_DUTY, *SOLENOIDS.values())
-    probe.spin_until(lambda: all(probe.last(topic) and probe.last(topic).data for topic in commanded), "it jams")
+    probe.spin_until(lambda: all(probe.last(topic).data for topic in commanded), "it jams")
     process.terminate()
     assert process.wait(30.0) == 0
     probe.spin_until(lambda: not any(probe.last(topic).data for topic in commanded), "pump and solenoids are let go")

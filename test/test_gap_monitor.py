@@ -22,8 +22,7 @@ LEAK = "line_leak_manifold:\n  conductance_dm3_s_bar: 0.003\n"
 
 
 def subsystems(probe: Probe) -> dict[str, SubsystemGap]:
-    message = probe.last(SIMULATOR_GAP)
-    return {each.name: each for each in message.subsystems} if message else {}
+    return {each.name: each for each in probe.last(SIMULATOR_GAP).subsystems}
 
 
 def lines(probe: Probe) -> list[DiagnosticStatus]:

@@ -56,8 +56,7 @@ class Witness:
         return all(line is not None and all(name in line.message for name in names) for line in lines)
 
     def energised(self) -> bool:
-        last = self.probe.last(ACTUATOR_STATES)
-        return bool(last) and any(last.energised)
+        return any(self.probe.last(ACTUATOR_STATES).energised)
 
     def let_go(self) -> bool:
         """Whether the board has let go by itself; a driver that regulates releases a solenoid now and then, too."""
@@ -65,8 +64,7 @@ class Witness:
 
     def pump_off(self) -> bool:
         """Whether the board drives no pump."""
-        last = self.probe.last(ACTUATOR_STATES)
-        return bool(last) and last.pump_duty == 0.0
+        return bool(self.probe.last(ACTUATOR_STATES).pump_duty == 0.0)
 
     def vacuum_pa(self) -> float:
         return AMBIENT_PA - max(self.probe.last(topic).fluid_pressure for topic in PRESSURES.values())

@@ -115,9 +115,7 @@ def test_a_stop_that_came_before_the_driver_is_heeded(
     stop.publish(interface(EMERGENCY_STOP.message_type)(data=True))
     start("up")
     probe.listen(JAM_STATE)
-    probe.spin_until(
-        lambda: probe.last(JAM_STATE) is not None and probe.last(JAM_STATE).emergency_stopped, "the driver is stopped"
-    )
+    probe.spin_until(lambda: probe.last(JAM_STATE).emergency_stopped, "the driver is stopped")
 
 
 def seconds(stamp: Time) -> float:
@@ -132,11 +130,11 @@ def test_two_ankles_live_side_by_side(
     left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
     start("up", "--namespace", "lf_ankle", *left_alone)
     left.listen(CLOCK, JAM_STATE)
-    left.spin_until(lambda: bool(left.last(CLOCK)) and seconds(left.last(CLOCK).clock) > LATE_S, "time goes on")
+    left.spin_until(lambda: left.has(CLOCK) and seconds(left.last(CLOCK).clock) > LATE_S, "time goes on")
     right.listen(CLOCK, IMU, JAM_STATE)
     up = start("up", "--namespace", "rf_ankle", *left_alone)
     right.wait_until_up()
-    right.spin_until(lambda: bool(right.last(IMU)), "the second ankle's IMU is received")
+    right.spin_until(lambda: right.has(IMU), "the second ankle's IMU is received")
     assert len(right.node.get_publishers_info_by_topic(CLOCK.name)) == 1
     assert "comes from /lf_ankle/sim" in up.text()
     assert abs(seconds(right.last(IMU).header.stamp) - seconds(right.last(CLOCK).clock)) < LATE_S / 2

@@ -48,7 +48,7 @@ def test_what_is_clicked_has_its_effect(
             page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
 
         until(lambda: "drop height [mm]" in page.labels(), "the page knows what is simulated")
-        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are received")
+        until(lambda: probe.has(JOINT_STATES), "joint_states are received")
         held_m = joint(probe, CARRIAGE_JOINT)
         until(lambda: near(page.positions_m["/ankle/carriage"][2], held_m), "the scene shows where it is held")
 
@@ -92,7 +92,7 @@ def test_a_leg_is_put_on_a_slope(start: Callable[..., Up], make_probe: Callable[
             page.wait_until(holds, what, lambda: probe.executor.spin_once(timeout_sec=0.0))
 
         until(lambda: "slope [deg]" in page.labels(), "the page knows what is simulated")
-        until(lambda: probe.last(JOINT_STATES) is not None, "joint_states are received")
+        until(lambda: probe.has(JOINT_STATES), "joint_states are received")
         flat_rad = joint(probe, "ankle_pitch")
         page.change("slope [deg]", STEEP_DEG)
         until(lambda: "slope_deg is 12" in page.text(), "the simulation has taken the slope")

@@ -53,14 +53,14 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     for ankle, probe in probes.items():
         probe.listen(JAM_STATE, *SENSORS)
         probe.wait_until_up()
-        probe.spin_until(lambda probe=probe: all(probe.last(topic) for topic in SENSORS), "every sensor is received")
+        probe.spin_until(lambda probe=probe: all(probe.has(topic) for topic in SENSORS), "every sensor is received")
         assert probe.last(IMU).header.frame_id == f"{ankle}/imu"
         assert probe.last(PRESSURES[ACHILLES]).header.frame_id == f"{ankle}/achilles"
         assert {"ankle_pitch", "hip", "knee", "abduction"} <= set(probe.last(JOINT_STATES).name)
     whole = make_probe()
     whole.listen(ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES, CLOCK)
     parts = (ROBOT_DESCRIPTION, ODOMETRY, JOINT_STATES)
-    whole.spin_until(lambda: all(whole.last(topic) for topic in parts), "the whole robot is received")
+    whole.spin_until(lambda: all(whole.has(topic) for topic in parts), "the whole robot is received")
     tree = ET.fromstring(whole.last(ROBOT_DESCRIPTION).data)  # noqa: S314 - our own
     moving = {joint.attrib["name"] for joint in tree.findall("joint") if joint.attrib["type"] != "fixed"}
     assert set(whole.last(JOINT_STATES).name) == moving
@@ -150,8 +150,8 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
     def is_jammed_ahead() -> bool:
         nonlocal wanted
         before, command = wanted, probe.last(JAM_COMMAND)
-        wanted = command is None or any(channel.vacuum_pa > 0.0 for channel in command.channels)
-        if wanted and not before and probe.last(GAIT_PHASE) is not None:
+        wanted = any(channel.vacuum_pa > 0.0 for channel in command.channels)
+        if wanted and not before and probe.has(GAIT_PHASE):
             begun_at.append(probe.last(GAIT_PHASE).data)
         return any(0.75 < phase < 1.0 for phase in begun_at)
 

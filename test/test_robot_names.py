@@ -37,7 +37,7 @@ def test_joints_come_by_our_names(domain_id: int, make_probe: Callable[..., Prob
 
         def passed_on() -> bool:
             robot.publish(sent)
-            return probe.last(JOINT_STATES) is not None
+            return probe.has(JOINT_STATES)
 
         probe.spin_until(passed_on, "joint states come by our names")
         message = probe.last(JOINT_STATES)
@@ -60,7 +60,7 @@ def test_simulated_joints_come_by_the_robots_names(domain_id: int, make_probe: C
 
         def passed_on() -> bool:
             simulated.publish(JointState(name=["ankle_roll", "ankle_yaw"], position=[0.1, 0.3]))
-            return probe.last(ROBOTS_JOINT_STATES) is not None
+            return probe.has(ROBOTS_JOINT_STATES)
 
         probe.spin_until(passed_on, "joint states come by the robot's names")
         message = probe.last(ROBOTS_JOINT_STATES)
