@@ -49,6 +49,8 @@ _UNDECIDED_NS = NANOSECONDS_PER_SECOND
 _SWITCH_WITHIN_S = 10.0
 """Time, s, for which a /clock that appears after the system's time was chosen still puts all messages onto its own."""
 _SPIN_TIMEOUT_S = 0.1
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name of the node of a publisher whose node is not known yet (rmw_dds_common, `GraphCache`)."""
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
 
 
@@ -75,7 +77,7 @@ class Recorder(Node):
         self._failed = False
         self._definitions = definitions
         self._log = BagLog(options.path, definitions)
-        self._times = LogTimes(options.source, self._write)
+        self._times = LogTimes(options.source, self._write, self._is_of_clock_maker)
         self._begun_ns = time.time_ns()
         self._may_switch = options.source is TimeSource.UNDECIDED
         self._kept: list[Received] = []
@@ -183,7 +185,7 @@ class Recorder(Node):
         source_ns = max(info.sent_ns, self._begun_ns)
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
-        message = Received(name, data, source_ns, stamp_ns, self._is_of_clock_maker(name))
+        message = Received(name, data, source_ns, stamp_ns)
         self._count += 1
         with self._keeping_failure():
             self._keep(message)
@@ -195,17 +197,20 @@ class Recorder(Node):
         self._log.write(message.topic, message.data, log_ns)
 
     def _is_of_clock_maker(self, name: str) -> bool:
-        """Return whether all publishers of a topic belong to the node that makes /clock, once there is one."""
+        """Return whether all publishers of a topic belong to the node that makes /clock, once that is known."""
         known = self._of_clock_maker.get(name)
         if known is None:
-            makers = self._nodes(CLOCK.name)
-            if not makers:
+            makers, publishers = self._nodes(CLOCK.name), self._nodes(name)
+            if not makers or not publishers:
                 return False
-            known = self._of_clock_maker[name] = self._nodes(name) <= makers
+            known = self._of_clock_maker[name] = publishers <= makers
         return known
 
     def _nodes(self, topic: str) -> set[str]:
+        """Return the nodes that publish a topic; none while one is not known: its name comes after its publisher."""
         ends = self.get_publishers_info_by_topic(topic)
+        if any(end.node_name == _UNKNOWN_NODE for end in ends):
+            return set()
         return {resolved(end.node_namespace, end.node_name) for end in ends}
 
     def _keep(self, message: Received) -> None:
@@ -224,7 +229,7 @@ class Recorder(Node):
         self._log = BagLog(self.path, self._definitions)
         for name, of_topic in self._types.items():
             self._log.add_topic(name, *of_topic)
-        self._times = LogTimes(TimeSource.SIMULATED, self._write)
+        self._times = LogTimes(TimeSource.SIMULATED, self._write, self._is_of_clock_maker)
         kept, self._kept = self._kept, []
         for message in kept:
             self._times.take(message)
