@@ -26,7 +26,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS, resolved
-from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, publisher_qos, strongest, with_info
+from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, node_at, publisher_qos, strongest, with_info
 from jammkle_common.runner import run
 
 if TYPE_CHECKING:
@@ -49,8 +49,6 @@ _UNDECIDED_NS = NANOSECONDS_PER_SECOND
 _SWITCH_WITHIN_S = 10.0
 """Time, s, for which a /clock that appears after the system's time was chosen still puts all messages onto its own."""
 _SPIN_TIMEOUT_S = 0.1
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name of the node of a publisher whose node is not known yet (rmw_dds_common, `GraphCache`)."""
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
 
 
@@ -207,11 +205,9 @@ class Recorder(Node):
         return known
 
     def _nodes(self, topic: str) -> set[str]:
-        """Return the nodes that publish a topic; none while one is not known: its name comes after its publisher."""
-        ends = self.get_publishers_info_by_topic(topic)
-        if any(end.node_name == _UNKNOWN_NODE for end in ends):
-            return set()
-        return {resolved(end.node_namespace, end.node_name) for end in ends}
+        """Return the nodes that publish a topic; none while one of them is not known."""
+        found = {node_at(end) for end in self.get_publishers_info_by_topic(topic)}
+        return set() if "" in found else found
 
     def _keep(self, message: Received) -> None:
         """Keep the first messages: should a /clock appear, they get its time after all."""
