@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares
 
-from jammkle_gap import Nuisance, Recording, Verdict, diagnose
+from jammkle_gap import Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal, Verdict, diagnose
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
 if TYPE_CHECKING:
@@ -177,3 +177,27 @@ def test_an_effect_that_is_a_constant_as_well_takes_over_beyond_its_tolerance() 
     assert low < 0.3 < high
     assert value == pytest.approx(0.3, abs=0.1)
     assert diagnose(recorded(43, {}, {"servo.stiffness": 0.9}), EXACT, jobs=1).verdict is Verdict.NO_GAP
+
+
+LARGEST = 33.937978472442914
+"""Limit at which nothing is limited; 0.05 of it is no grid point to the bit."""
+LIMIT = Effect(
+    "stop", "joint", (EffectParameter("limit", "rad", LARGEST, 0.05 * LARGEST, LARGEST, "test"),), "It is stopped."
+)
+
+
+def limited(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+    """Return an angle that is stopped at a limit."""
+    limit = values.get("stop.limit", LARGEST)
+    return {"angle": np.clip(20.0 * np.sin(2.0 * recording.signals[0].time_s), -limit, limit)}
+
+
+def test_a_limit_is_found_whose_bound_is_rounded_on_its_grid() -> None:
+    """It moves something at one of its bounds alone, and is not taken for what moves nothing."""
+    random, time_s = np.random.default_rng(3), np.linspace(0.0, 4.0, 400)
+    blank = Recording("run", (Signal("angle", "rad", time_s, np.zeros(400), 0.005),), None, setting="run")
+    read = limited(blank, {"stop.limit": 11.3})["angle"] + random.normal(0.0, 0.005, 400)
+    run = replace(blank, signals=(replace(blank.signals[0], values=read),))
+    found = diagnose([run], Problem(limited, Library((LIMIT,))), jobs=1)
+    assert found.silent == ()
+    assert named(found, "stop")[0] == pytest.approx(11.3, abs=0.01)

@@ -418,10 +418,10 @@ def explain(
         shares = [(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles]
         provisional(shares)
 
-    def fitted(starts: Sequence[tuple[_Base, Place]], what: str) -> tuple[list[Fit], bool]:
+    def fitted(starts: Sequence[tuple[_Base, Fit, Place]], what: str) -> tuple[list[Fit], bool]:
         work = [
-            (machine, error, _from(problem, place, base.fit), base.weighs, constants, base.slopes)
-            for base, place in starts
+            (machine, error, _from(problem, place, begun), base.weighs, constants, base.slopes)
+            for base, begun, place in starts
         ]
         answers, finished = _until_stopped(runner, fit_beside_error, work, what)
         return best_of([fit for fit, _ in answers if fit.features]), finished
@@ -438,9 +438,7 @@ def explain(
         answers, _ = _until_stopped(runner, fit_beside_error, work, "fitting")
         return [fit for fit, _ in answers if fit.features]
 
-    singles, finished = fitted(
-        [(base, each) for base in bases for each in base.singles[: constants.refined]], "fitting"
-    )
+    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants), "fitting")
     if error.left_per_feature(nothing) < constants.doubtful:
         # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
         tried = [nothing, *(fit for each in singles[:_NESTED] for fit in refitted([blank], each))]
@@ -450,15 +448,11 @@ def explain(
     pairs: list[Fit] = []
     gap = detect_jointly(machine, error, alone, noticed, constants).gap
     if finished and singles and gap:
-        about = bases[min(1, len(bases) - 1)]
-        weighed = error.difference_with(singles[0])
-        profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
-        first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
-        places = sorted((place for fit in first for place in profiles.seconds(fit)), key=lambda place: -place.gain)
-        most = constants.refined_pairs // 2
-        promising = [(about, place) for place in places[:most]]
-        names = [place.names[0] for place in about.singles[: constants.paired]]
-        promising += [(about, place) for place in about.profiles.pairs(names, most)]
+        if error.left_per_feature(singles[0]) > constants.doubtful and _affordable(machine, constants):
+            # What it leaves is searched for a second effect, and shall be as little as can be.
+            answers, finished = _until_stopped(runner, _settled, [(machine, error, singles[0], constants)], "fitting")
+            singles = best_of([*(fit for fit, _ in answers), *singles])
+        promising = _promising_pairs(problem, grids, error, singles, bases[min(1, len(bases) - 1)], constants)
         pairs, finished = fitted(promising, "fitting pairs")
     within, own = nothing, {NONE_OF_THEM: 0.0}
     if finished:
@@ -470,6 +464,49 @@ def explain(
     silent = tuple(effect.name for effect in problem.library if effect.name not in profiled)
     found = Candidates(tuple(singles), tuple(pairs), profiled, silent, finished)
     return Explained(alone, noticed, found, within, own)
+
+
+def _promising_singles(
+    problem: Problem,
+    grids: GridFeatures,
+    error: Discrepancy,
+    blank: Fit,
+    bases: Sequence[_Base],
+    constants: Constants,
+) -> list[tuple[_Base, Fit, Place]]:
+    """Return single effects to be fitted, each with where its constants begin.
+
+    Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error of
+    the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
+    """
+    found = [(base, base.fit, place) for base in bases for place in base.singles[: constants.refined]]
+    evenly = _Base(problem, grids, error.evenly_with(blank), blank, blank, None)
+    known = {place.names for base, _, place in found if base is bases[0]}
+    others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
+    return [*found, *((bases[0], blank, place) for place in others)]
+
+
+def _promising_pairs(
+    problem: Problem,
+    grids: GridFeatures,
+    error: Discrepancy,
+    singles: Sequence[Fit],
+    about: _Base,
+    constants: Constants,
+) -> list[tuple[_Base, Fit, Place]]:
+    """Return pairs to be fitted, each with where its constants begin: from fitted effects on, and by grids alone.
+
+    A second effect shows where the first leaves most, and is looked for by what that leaves of a signal on the whole:
+    block by block, it would count as the error of the simulator.
+    """
+    weighed = error.evenly_with(singles[0])
+    profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
+    first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
+    seconds = [(about, fit, place) for fit in first for place in profiles.seconds(fit)]
+    most = constants.refined_pairs // 2
+    names = [place.names[0] for place in about.singles[: constants.paired]]
+    by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
+    return [*sorted(seconds, key=lambda each: -each[2].gain)[:most], *by_grids]
 
 
 def fit_part(
@@ -774,6 +811,15 @@ def spread(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants)
 def sharpen(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
     """Return a candidate fitted again with derivatives of its own, and the runs that it took."""
     return _again(machine, error.difference_with(fit), fit, constants)
+
+
+def _settled(machine: Machine, error: Discrepancy, fit: Fit, constants: Constants) -> tuple[Fit, Made]:
+    """Return a candidate fitted again with derivatives of its own until little more comes of it, and the runs."""
+    made = Made(0, 0.0)
+    for function in (spread, sharpen):
+        fit, more = function(machine, error, fit, constants)
+        made = Made(made.runs + more.runs, made.simulated_s + more.simulated_s)
+    return fit, made
 
 
 def _again(machine: Machine, difference: Difference, fit: Fit, constants: Constants) -> tuple[Fit, Made]:

@@ -378,7 +378,10 @@ def _simulated(
     first = _features(recording, layout, effects, [points[at] for points, at in zip(grids, ends, strict=True)], runner)
     nominal, probes = first[0], np.split(first[1:], np.cumsum([len(at) for at in ends])[:-1])
     # What moves nothing at its bounds moves nothing between them, and is not simulated there.
-    moving = [not np.array_equal(each, np.broadcast_to(nominal, each.shape), equal_nan=True) for each in probes]
+    moving = [
+        not len(each) or not np.array_equal(each, np.broadcast_to(nominal, each.shape), equal_nan=True)
+        for each in probes
+    ]
     rest = [
         np.delete(points, at, axis=0) if moves else points[:0]
         for points, at, moves in zip(grids, ends, moving, strict=True)
@@ -399,7 +402,13 @@ def _simulated(
 def _ends(effect: Effect, points: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return which points of a grid lie at bounds, or at null, in every parameter."""
     ends = np.array([(each.minimum, each.null, each.maximum) for each in effect.parameters])
-    return np.flatnonzero((points[:, :, np.newaxis] == ends).any(axis=2).all(axis=1))
+    # A grid is made from shares of the span, and its ends are rounded.
+    near = np.abs(points[:, :, np.newaxis] - ends) <= _ROUNDED * np.ptp(ends, axis=1)[:, np.newaxis]
+    return np.flatnonzero(near.any(axis=2).all(axis=1))
+
+
+_ROUNDED = 1e-9
+"""Share of a parameter's span within which a point of its grid is at a bound. Chosen: far above rounding."""
 
 
 def _features(
