@@ -4,7 +4,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
 
     joints:
       shoulder_pan_joint: {model: joint1, sign: -1, offset: 0.1}   # model's = sign * recorded + offset
-      gripper: locked                                              # or: elbow_joint: joint3
+      gripper: locked                                              # or: measured; or: elbow_joint: joint3
     units: degrees
     commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position}
     gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
@@ -173,6 +173,8 @@ class RobotMap:
     """By recorded name; those not in it have the model's names."""
     locked: tuple[str, ...] = ()
     """Joints of the model that are held."""
+    carried: tuple[str, ...] = ()
+    """Joints of the model that move as they were measured, whatever acts on them."""
     degrees: bool | None = None
     """Whether angles are in degrees; None: radians, and doubted where the model's limits say so."""
     topic: str | None = None
@@ -196,7 +198,7 @@ class RobotMap:
 
 _KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
-_LOCKED = "locked"
+_LOCKED, _MEASURED = "locked", "measured"
 
 
 def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
@@ -219,10 +221,13 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
 
 def _map_of(table: dict[str, Any], where: str) -> RobotMap:
     _check_keys(table, _KEYS, where)
-    joints, locked = {}, []
+    joints: dict[str, JointMap] = {}
+    locked, carried = [], []
     for name, said in dict(table.get("joints") or {}).items():
         if said == _LOCKED:
             locked.append(str(name))
+        elif said == _MEASURED:
+            carried.append(str(name))
         elif isinstance(said, str):
             joints[str(name)] = JointMap(said)
         else:
@@ -251,6 +256,7 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
     return RobotMap(
         joints,
         tuple(locked),
+        tuple(carried),
         None if units is None else units == "degrees",
         commands.get("topic"),
         tuple(map(str, commands.get("order") or ())),
