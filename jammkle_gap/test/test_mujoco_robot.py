@@ -40,7 +40,7 @@ def recorded() -> robot_arm.Samples:
     return robot_arm.samples(1)
 
 
-@pytest.mark.parametrize("form", ["trajectory", "array", "states"])
+@pytest.mark.parametrize("form", ["trajectory", "now", "array", "states"])
 def test_bags_hold_the_same_however_they_are_commanded(tmp_path: Path, recorded: robot_arm.Samples, form: str) -> None:
     """Trajectories, bare numbers and joint states command the same motion, and bags are as arrays."""
     model = robot_arm.write_model(tmp_path)
