@@ -110,9 +110,9 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     estimated: tuple[str, ...] = ()
     carried = [joint for joint in measured if joint in given.carried]
     commanded = {joint: each for joint, each in commanded.items() if joint not in carried}
+    others = [joint for joint in measured if joint not in {*commanded, *carried}]
+    carried += _left_to_others(spec, model, others, notes, by_commands=bool(commanded))
     if commanded:
-        others = [joint for joint in measured if joint not in {*commanded, *carried}]
-        carried += _left_to_others(spec, model, others, notes)
         drives, estimated = _made_drives(spec, commanded, runs, given, notes)
     known = {joint for run in runs for joint, quantity in run.measured if quantity is Quantity.EFFORT}
     measured = [joint for joint in measured if joint not in carried]
@@ -124,6 +124,9 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
             msg += "; record the topic of the commands, or joint_states with efforts"
             raise BadRobotError(msg)
+        notes.append(
+            f"no commands were recorded: efforts of {', '.join(efforts)} are compared with those of the motion"
+        )
     _put_base(spec, runs, given, notes, forward=bool(drives))
     _switch_off(spec, (*locked, *carried))
     for joint in locked:
@@ -416,7 +419,9 @@ def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: 
                 spec.delete(key)  # its positions are of other joints now
 
 
-def _left_to_others(spec: mujoco.MjSpec, model: mujoco.MjModel, others: Sequence[str], notes: list[str]) -> list[str]:
+def _left_to_others(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, others: Sequence[str], notes: list[str], *, by_commands: bool
+) -> list[str]:
     """Return the joints that an actuator moves, nobody knows how: their own, or that of a tendon which spans them.
 
     A tendon spans all joints that lie between its places.
@@ -434,7 +439,7 @@ def _left_to_others(spec: mujoco.MjSpec, model: mujoco.MjModel, others: Sequence
         bodies = {body for line in lines for body in line if any(body not in other for other in lines)}
         found |= {joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in bodies}
     spanned = {model.joint(joint).name for joint in found}
-    left = [joint for joint in others if joint in spanned or _actuators(spec, joint)]
+    left = [joint for joint in others if joint in spanned or (by_commands and _actuators(spec, joint))]
     if left:
         notes.append(f"moved as measured, as nobody commands the actuators that act on them: {', '.join(left)}")
     return left
