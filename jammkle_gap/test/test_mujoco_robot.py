@@ -189,15 +189,15 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("key", [None, "command_delay.time", "payload.mass", *CHANGES])
+@pytest.mark.parametrize("key", [None, "delay.time", "payload.mass", *CHANGES])
 def test_simulator_with_the_effect_is_the_machine(tmp_path: Path, key: str | None) -> None:
     """With the machine's own effect what is left is noise, in every window; without it more."""
     change = CHANGES[key][1] if key in CHANGES else None
     if key == "payload.mass":
         change = lambda model: model.body_mass.__setitem__(4, model.body_mass[4] + 0.4)  # noqa: E731
-    samples = exact(change, 0.04 if key == "command_delay.time" else 0.0)
+    samples = exact(change, 0.04 if key == "delay.time" else 0.0)
     _, simulator, compared = made(tmp_path, samples)
-    values = {} if key is None else {key: {"command_delay.time": 0.04, "payload.mass": 0.4}.get(key) or CHANGES[key][0]}
+    values = {} if key is None else {key: {"delay.time": 0.04, "payload.mass": 0.4}.get(key) or CHANGES[key][0]}
     for signal in compared[0].signals:
         left = signal.values - simulator(compared[0], values)[signal.name]
         noise = robot_arm.STEP_RAD if signal.unit == "rad" else robot_arm.NOISE_N_M

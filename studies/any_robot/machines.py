@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Sizes = dict[str, float]
 
 _HEAD = '<compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>'
 ARM = f"""
@@ -118,6 +119,8 @@ class Fault:
     names: tuple[str, ...] = ()
     """In the library's words; empty for none, and for what the library has not."""
     label: str = "none"
+    sizes: dict[str, dict[str, float]] = field(default_factory=dict)
+    """By name, how large each is in the library's numbers, by `effect.parameter`."""
     stribeck: dict[str, tuple[float, float]] = field(default_factory=dict)
     load: dict[str, float] = field(default_factory=dict)
     slack: dict[str, float] = field(default_factory=dict)
@@ -178,68 +181,89 @@ class _Draw:
         return _FRICTION[self.robot][self.joint]
 
 
-def _friction(draw: _Draw) -> None:
-    draw.model.dof_frictionloss[draw.dof] += 6.0 * draw.size * draw.torque
+def _friction(draw: _Draw) -> Sizes:
+    torque = 6.0 * draw.size * draw.torque
+    draw.model.dof_frictionloss[draw.dof] += torque
+    return {"torque": torque}
 
 
-def _damping(draw: _Draw) -> None:
-    draw.model.dof_damping[draw.dof] += 6.0 * draw.size * draw.torque
+def _damping(draw: _Draw) -> Sizes:
+    coefficient = 6.0 * draw.size * draw.torque
+    draw.model.dof_damping[draw.dof] += coefficient
+    return {"coefficient": coefficient}
 
 
-def _stribeck(draw: _Draw) -> None:
-    draw.fault.stribeck[draw.joint] = (6.0 * draw.size * draw.torque, 0.1)
+def _stribeck(draw: _Draw) -> Sizes:
+    torque, speed = 6.0 * draw.size * draw.torque, 0.1
+    draw.fault.stribeck[draw.joint] = (torque, speed)
+    return {"torque": torque, "speed": speed}
 
 
-def _load_friction(draw: _Draw) -> None:
+def _load_friction(draw: _Draw) -> Sizes:
     draw.fault.load[draw.joint] = 0.3 * draw.size
+    return {"share": 0.3 * draw.size}
 
 
-def _armature(draw: _Draw) -> None:
-    draw.model.dof_armature[draw.dof] *= 1.0 + 2.0 * draw.size
+def _armature(draw: _Draw) -> Sizes:
+    inertia = 2.0 * draw.size * float(draw.model.dof_armature[draw.dof])
+    draw.model.dof_armature[draw.dof] += inertia
+    return {"inertia": inertia}
 
 
-def _torque_constant(draw: _Draw) -> None:
+def _torque_constant(draw: _Draw) -> Sizes:
     scale = 1.0 + draw.sign * 0.35 * draw.size
     draw.actuator.gainprm[:] *= scale
     draw.actuator.biasprm[:] *= scale
     draw.fault.effort_scale[draw.joint] = 1.0 / scale
+    return {"scale": scale}
 
 
-def _position_gain(draw: _Draw) -> None:
-    draw.actuator.gainprm[0] *= 1.0 + draw.sign * 0.45 * draw.size
-    draw.actuator.biasprm[1] *= 1.0 + draw.sign * 0.45 * draw.size
+def _position_gain(draw: _Draw) -> Sizes:
+    scale = 1.0 + draw.sign * 0.45 * draw.size
+    draw.actuator.gainprm[0] *= scale
+    draw.actuator.biasprm[1] *= scale
+    return {"scale": scale}
 
 
-def _rate_gain(draw: _Draw) -> None:
-    draw.actuator.biasprm[2] *= 1.0 + draw.sign * 0.6 * draw.size
+def _rate_gain(draw: _Draw) -> Sizes:
+    scale = 1.0 + draw.sign * 0.6 * draw.size
+    draw.actuator.biasprm[2] *= scale
     if draw.actuator.biasprm[1] == 0.0:
-        draw.actuator.gainprm[0] *= 1.0 + draw.sign * 0.6 * draw.size
+        draw.actuator.gainprm[0] *= scale
+    return {"scale": scale}
 
 
-def _torque_limit(draw: _Draw) -> None:
+def _torque_limit(draw: _Draw) -> Sizes:
     draw.model.actuator_forcelimited[draw.actuator.id] = 1
-    share = 1.0 - 0.7 * draw.size
-    draw.actuator.forcerange[:] = np.array([-1.0, 1.0]) * share * _LARGEST[draw.robot][draw.joint]
+    torque = (1.0 - 0.7 * draw.size) * _LARGEST[draw.robot][draw.joint]
+    draw.actuator.forcerange[:] = np.array([-1.0, 1.0]) * torque
+    return {"torque": torque}
 
 
-def _backlash(draw: _Draw) -> None:
+def _backlash(draw: _Draw) -> Sizes:
     draw.fault.slack[draw.joint] = 0.04 * draw.size
+    return {"width": 0.04 * draw.size}
 
 
-def _encoder_offset(draw: _Draw) -> None:
-    draw.fault.offset[draw.joint] = draw.sign * 0.07 * draw.size * (0.2 if draw.robot == "crane" else 1.0)
+def _encoder_offset(draw: _Draw) -> Sizes:
+    offset = draw.sign * 0.07 * draw.size * (0.2 if draw.robot == "crane" else 1.0)
+    draw.fault.offset[draw.joint] = offset
+    return {"offset": offset}
 
 
-def _encoder_scale(draw: _Draw) -> None:
+def _encoder_scale(draw: _Draw) -> Sizes:
     draw.fault.scale[draw.joint] = 1.0 + draw.sign * 0.045 * draw.size
+    return {"scale": draw.fault.scale[draw.joint]}
 
 
-def _cogging(draw: _Draw) -> None:
+def _cogging(draw: _Draw) -> Sizes:
     draw.fault.cogging[draw.joint] = 8.0 * draw.size * draw.torque
+    return {}
 
 
-def _spring(draw: _Draw) -> None:
+def _spring(draw: _Draw) -> Sizes:
     draw.fault.spring[draw.joint] = 12.0 * draw.size * draw.torque
+    return {}
 
 
 _OF_JOINTS = {
@@ -254,6 +278,8 @@ _TIMES = {
     "lost": ("lost", 0.2, 0.6), "fading": ("fading", 0.0, 0.5),
 }  # fmt: skip
 """Fields of a fault, the least of it, and what a size of 1 adds."""
+_LIBRARY_NAMES = {"command_delay": "delay", "reading_delay": "delay"}
+"""Where faults are one effect in the library: what is recorded is the same, only later."""
 _SHARING = 0.25
 """Share of faults of a wrist that all wrists have."""
 
@@ -261,38 +287,45 @@ _SHARING = 0.25
 def put_fault(fault: Fault, model: Any, robot: str, what: str, random: np.random.Generator) -> None:
     """Put a fault of a random size into a machine."""
     kind, sign, size = ROBOTS[robot], float(random.choice([-1.0, 1.0])), float(random.uniform(0.25, 0.8))
-    name = what
+    name, sizes = _LIBRARY_NAMES.get(what, what), {}
     if what in _OF_JOINTS:
         joints: tuple[str, ...] = (str(random.choice(kind.driven)),)
         name = f"{what}_{joints[0]}"
         if joints[0] in _WRISTS and what in {"friction", "damping", "load_friction"} and random.uniform() < _SHARING:
             joints, name = _WRISTS, f"{what}_wrist"
         for joint in joints:
-            _OF_JOINTS[what](_Draw(fault, model, robot, joint, sign, size))
+            own = _OF_JOINTS[what](_Draw(fault, model, robot, joint, sign, size))
+            sizes.update({f"{what}_{joint}.{key}": value for key, value in own.items()})
     elif what in _TIMES:
         field_name, least, more = _TIMES[what]
         setattr(fault, field_name, least + more * size)
+        sizes = {f"{name}.{'share' if what == 'velocity_feed_forward' else 'time'}": least + more * size}
     elif what == "gravity_compensation":
         model.body_gravcomp[:] = size
+        sizes = {"gravity_compensation.share": size}
         for joint in kind.driven:
             model.jnt_actgravcomp[model.joint(joint).id] = 1
     elif what == "base_tilt":
         turn = sign * 0.09 * size
         model.opt.gravity[:] = 9.81 * np.array([np.sin(turn), 0.0, -np.cos(turn)])
+        sizes = {"base_tilt.pitch": turn}
     elif what == "payload":
-        _load(model, 0.15 * size)
+        sizes = {"payload.mass": _load(model, 0.15 * size)}
     else:
         body = model.body(int(random.integers(1, model.nbody)))
         name = f"mass_{body.name}"
         scale = 1.0 + (0.8 * size if sign > 0.0 else -0.45 * size)
         body.mass[:] *= scale
         body.inertia[:] *= scale
-    fault.names = (*fault.names, name) if what in SINGLES else fault.names
+        sizes = {f"{name}.scale": scale}
+    if what in SINGLES:
+        fault.names = (*fault.names, name)
+        fault.sizes[name] = sizes
     fault.label = name if fault.label == "none" else f"{fault.label}+{name}"
 
 
-def _load(model: Any, share: float) -> None:
-    """Hang a share of all mass on the tip, as a point."""
+def _load(model: Any, share: float) -> float:
+    """Hang a share of all mass on the tip, as a point, and return it, kg."""
     body = model.body(model.nbody - 1)
     tip, mass = model.site_pos[0], float(model.body_mass[1:].sum()) * share
     own = float(body.mass[0])
@@ -300,6 +333,7 @@ def _load(model: Any, share: float) -> None:
     body.inertia[:] += own * mass / (own + mass) * (away @ away - away**2)
     body.ipos[:] = (own * body.ipos + mass * tip) / (own + mass)
     body.mass[:] = own + mass
+    return mass
 
 
 _FRICTION = {

@@ -93,7 +93,7 @@ def run_case(seed: int, jobs: int = 1) -> Case:
         kind,
         tuple(sorted(fault.names)),
         fault.label,
-        others.is_nameable(fault.names),
+        others.is_nameable(fault.sizes),
         diagnosis.verdict.value,
         tuple(sorted(named[0].names)) if named else (),
         tuple(tuple(sorted(each)) for each in members),
@@ -120,6 +120,7 @@ class Rivals:
                 parts.append(features_of(layout, each, made, None) / layout.floor)
             return np.concatenate(parts)
 
+        self._features = features
         self.noise: dict[str, float] = {}
         for layout in layouts:
             for name, row in zip(layout.signals, layout.by_signal(layout.floor), strict=True):
@@ -162,15 +163,18 @@ class Rivals:
             rest = rest - beside @ np.linalg.lstsq(beside, rest, rcond=1e-9)[0]
         return float(rest @ rest)
 
-    def is_nameable(self, names: Sequence[str]) -> bool:
-        """Return whether each true effect changes enough that neither constants nor any other effect does the same."""
+    def is_nameable(self, sizes: Mapping[str, Mapping[str, float]]) -> bool:
+        """Return whether each true effect changes enough that neither constants nor any other effect does the same.
+
+        Args:
+            sizes: Of every true effect, in the library's numbers.
+
+        """
         prior = np.vstack([self._constants, np.eye(self._constants.shape[1])])
-        for name in names:
-            # As large as it is: what it takes away of the difference, beside constants with their priors.
-            keys = self._of(name)
-            own = np.array([self._columns[key] for key in keys]).T
-            share = np.linalg.lstsq(own, self._left, rcond=1e-9)[0]
-            signature = np.append(own @ share, np.zeros(prior.shape[1]))
+        whole = self._features({key: value for own in sizes.values() for key, value in own.items()})
+        for name in sizes:
+            others = {key: value for other, own in sizes.items() if other != name for key, value in own.items()}
+            signature = np.append(whole - self._features(others), np.zeros(prior.shape[1]))
             least = np.inf
             for other in {key.rpartition(".")[0] for key in self._columns} - {name}:
                 if name in self._shared and other.startswith(name):
@@ -181,7 +185,7 @@ class Rivals:
                 least = min(least, float(np.linalg.norm(rest)))
             if least < _CLEAR:
                 return False
-        return bool(names)
+        return bool(sizes)
 
     def rms(self) -> str:
         """Return the effect that leaves the least RMS error by itself."""

@@ -26,9 +26,8 @@ _BY_BODY = ("mass", "inertia", "ipos", "iquat", "pos")
 _BY_DOF = ("damping", "frictionloss", "armature")
 _BY_ACTUATOR = ("gainprm", "biasprm", "forcerange")
 _UNSAID = (
-    "command_delay_s",
+    "delay_s",
     "arrival_s",
-    "reading_delay_s",
     "effort_delay_s",
     "clock_rate",
     "set_point_lag_s",

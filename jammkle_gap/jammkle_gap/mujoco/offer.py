@@ -243,9 +243,10 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
     late = "buses and drivers: up to some tens of milliseconds"
     found: list[tuple[Effect, Any]] = []
     if robot.drives:
+        # The same later: no recording of commands and readings tells which of them is late.
         delay = EffectParameter("time", "s", 0.0, 0.0, 0.08, late)
-        sentence = "Commands come late: look at the load of bus and computer."
-        found.append((Effect("command_delay", "timing", (delay,), sentence), Timing("command_delay_s")))
+        sentence = "Commands or readings come late: look at the load of bus and computer, and at sensor filters."
+        found.append((Effect("delay", "timing", (delay,), sentence), Timing("delay_s")))
         rate = EffectParameter("rate", "1", 0.0, -0.01, 0.01, "assumed: clocks without synchronisation, within 1 %")
         sentence = "The clock of the readings runs at another rate than that of the commands: synchronise them."
         found.append((Effect("clock_skew", "timing", (rate,), sentence), Timing("clock_rate")))
@@ -255,9 +256,10 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
             share = EffectParameter("share", "1", 0.0, lowest, lowest + 1.0, "from none to all of the weight")
             sentence = "The drives hold another share of the weight by themselves: look at gravity compensation."
             found.append((Effect("gravity_compensation", "drives", (share,), sentence), Gravity(held)))
-    delay = EffectParameter("time", "s", 0.0, 0.0, 0.05, late)
-    sentence = "Readings come late: look at filters of the sensors and at the bus."
-    found.append((Effect("reading_delay", "timing", (delay,), sentence), Timing("reading_delay_s")))
+    else:
+        delay = EffectParameter("time", "s", 0.0, 0.0, 0.05, late)
+        sentence = "Positions come late behind efforts: look at filters of the sensors and at the bus."
+        found.append((Effect("delay", "timing", (delay,), sentence), Timing("delay_s")))
     if robot.given.base is Base.HELD and np.any(robot.model.opt.gravity):
         source = "assumed: a base set up by eye, within 6 degrees"
         angles = tuple(EffectParameter(axis, "rad", 0.0, -0.1, 0.1, source) for axis in ("roll", "pitch"))

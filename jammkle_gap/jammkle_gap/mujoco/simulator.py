@@ -78,10 +78,10 @@ class Machine:
 
     robot: Robot
     model: mujoco.MjModel
-    command_delay_s: float = 0.0
+    delay_s: float = 0.0
+    """Of commands or of all readings, which shows as the same; without drives of positions behind efforts; s."""
     arrival_s: float = 0.0
     """Delay of commands within a period of theirs, s, which no recording says."""
-    reading_delay_s: float = 0.0
     effort_delay_s: float = 0.0
     """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
@@ -302,7 +302,7 @@ def _taken_at(machine: Machine, motion: Motion, time_s: Array) -> tuple[Array, N
     """Return when readings were really taken, s since the start of the recording, and the window of each."""
     window = np.minimum((time_s / motion.window_s).astype(np.intp), len(motion.starts_s) - 1)
     stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
-    return stamp_s * (1.0 + machine.clock_rate) - machine.reading_delay_s, window
+    return stamp_s * (1.0 + machine.clock_rate), window
 
 
 def _addresses(machine: Machine) -> list[int]:
@@ -358,7 +358,7 @@ def _between_ticks(
     found = np.empty_like(time_s)
     # An effort is that of the step before: its set point is that of the middle of this step.
     ticks = step_s * np.arange(1, controls.shape[1] + 1)
-    late_s = 0.5 * step_s + machine.command_delay_s + machine.arrival_s
+    late_s = 0.5 * step_s + machine.delay_s + machine.arrival_s
     for k, begin_s in enumerate(begins):
         own = window == k
         exact = np.interp(at[own] - late_s, grid, asked[:, columns[0]])
@@ -405,7 +405,7 @@ def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, cou
     model = machine.model
     step_s = float(model.opt.timestep)
     grid = motion.step_s * np.arange(len(asked))
-    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.command_delay_s - machine.arrival_s
+    at = begins[:, np.newaxis] + step_s * np.arange(count) - machine.delay_s - machine.arrival_s
     at = np.clip(at, 0.0, grid[-1] - step_s)
     controls = np.zeros((len(begins), count, model.nu))
     for column, drive in enumerate(machine.robot.drives):
@@ -414,7 +414,7 @@ def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, cou
         taken = np.interp(at + step_s, grid, area) - np.interp(at, grid, area)
         controls[:, :, int(model.actuator(drive.actuator).id)] = taken / step_s
     if motion.carried is not None:
-        at = begins[:, np.newaxis] + step_s * np.arange(count) + machine.reading_delay_s
+        at = begins[:, np.newaxis] + step_s * np.arange(count)
         for name, own in zip(machine.robot.carried, carrying(motion.carried).T, strict=True):
             controls[:, :, int(model.actuator(drive_of(name)).id)] = np.interp(at, grid, own)
     return controls
@@ -427,7 +427,7 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
     states = np.zeros((len(begins), size))
     states[:, 1 : 1 + model.nq] = model.qpos0
     grid = motion.step_s * np.arange(len(motion.position))
-    read_s = (begins + machine.reading_delay_s) / (1.0 + machine.clock_rate)
+    read_s = begins / (1.0 + machine.clock_rate)
     for column, name in enumerate(machine.robot.joints):
         joint = model.joint(name)
         scale, offset = machine.scale.get(name, 1.0), machine.offset.get(name, 0.0)
@@ -508,11 +508,11 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     dry = model.dof_frictionloss[dofs].copy()
     model.dof_frictionloss[:] = 0.0
     grid = motion.step_s * np.arange(len(motion.position))
-    read_s = np.minimum(grid + machine.reading_delay_s, grid[-1])
+    read_s = np.minimum(grid + machine.delay_s, grid[-1])
     scales = np.array([machine.scale.get(name, 1.0) for name in robot.joints])
     offsets = np.array([machine.offset.get(name, 0.0) for name in robot.joints])
     tables = [motion.position - offsets, motion.velocity, motion.acceleration]
-    if machine.reading_delay_s > 0.0:
+    if machine.delay_s > 0.0:
         tables = [np.column_stack([np.interp(read_s, grid, column) for column in each.T]) for each in tables]
     angle, rate, acceleration = (each / scales for each in tables)
     torque = np.empty_like(angle)
