@@ -136,6 +136,10 @@ def test_gripper_that_nobody_commands_moves_as_measured(tmp_path: Path, recorded
     given = {"joints": {"elbow": "locked"}}
     runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", some)], given)
     assert worst_left(robot, cut(runs, robot)) > 10.0
+    given = {"joints": {"elbow": "measured"}}
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded)], given)
+    assert robot.carried == ("elbow",)
+    assert worst_left(robot, cut(runs, robot)) < 1.5
 
 
 def worst_left(robot: Robot, recordings: list[Recording]) -> float:
