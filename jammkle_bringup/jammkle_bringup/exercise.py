@@ -51,7 +51,7 @@ from jammkle_common.names import (
     resolved,
 )
 from jammkle_common.parameters import ParameterError, from_mapping, rows
-from jammkle_common.qos import answer_qos, publisher_qos, subscriber_qos
+from jammkle_common.qos import answer_qos, node_at, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.rigs.catalogue import EXERCISES
 from jammkle_sim.rigs.model import hung
@@ -286,7 +286,7 @@ class _Session:
         """Return whether the recorder listens to every ankle."""
         recorder = resolved(self._client.namespace, RECORDER)
         return all(
-            recorder in {resolved(end.node_namespace, end.node_name) for end in self._client.subscriptions(topic)}
+            recorder in {node_at(end) for end in self._client.subscriptions(topic)}
             for ankle in self._ankles
             for topic in (resolved(self._client.namespace, _below(ankle, each.name)) for each in (IMU, JOINT_STATES))
         )

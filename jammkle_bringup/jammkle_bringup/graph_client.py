@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from jammkle_common.command.errors import GraphError, InputError, Interrupted
 from jammkle_common.messages import COMMANDS_LINE
 from jammkle_common.names import CLOCK, DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE, relative, resolved
-from jammkle_common.qos import subscriber_qos
+from jammkle_common.qos import node_at, subscriber_qos
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -260,7 +260,10 @@ def refuse_if_there(client: GraphClient, names: Collection[str], look_s: float) 
         who = f"node {', '.join(there)}; one that was killed is seen for 20 s more"
         raise InputError(_already_up(client.namespace, who))
     clocks = client.publishers(CLOCK.name)
-    return resolved(clocks[0].node_namespace, clocks[0].node_name) if clocks else ""
+    return (node_at(clocks[0]) or _NOT_KNOWN) if clocks else ""
+
+
+_NOT_KNOWN = "a node that is not known yet"
 
 
 def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_clock: bool) -> None:
@@ -278,7 +281,7 @@ def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_cloc
     doubled = sorted(name for name in names if client.count(name) > 1)
     if doubled:
         raise InputError(_already_up(client.namespace, f"a second node {', '.join(doubled)}"))
-    clocks = [resolved(each.node_namespace, each.node_name) for each in client.publishers(CLOCK.name)]
+    clocks = [node_at(each) or _NOT_KNOWN for each in client.publishers(CLOCK.name)]
     if makes_clock and len(clocks) > 1:
         msg = f"{CLOCK.name} comes from {' and '.join(sorted(clocks))}, which were started together: start one graph "
         msg += "after the other, so that the second takes the time of the first"

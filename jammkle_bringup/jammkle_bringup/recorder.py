@@ -26,7 +26,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS, resolved
-from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, publisher_qos, strongest, with_info
+from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, node_at, publisher_qos, strongest, with_info
 from jammkle_common.runner import run
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Recorder(Node):
         self._failed = False
         self._definitions = definitions
         self._log = BagLog(options.path, definitions)
-        self._times = LogTimes(options.source, self._write)
+        self._times = LogTimes(options.source, self._write, self._is_of_clock_maker)
         self._begun_ns = time.time_ns()
         self._may_switch = options.source is TimeSource.UNDECIDED
         self._kept: list[Received] = []
@@ -183,7 +183,7 @@ class Recorder(Node):
         source_ns = max(info.sent_ns, self._begun_ns)
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
-        message = Received(name, data, source_ns, stamp_ns, self._is_of_clock_maker(name))
+        message = Received(name, data, source_ns, stamp_ns)
         self._count += 1
         with self._keeping_failure():
             self._keep(message)
@@ -195,18 +195,19 @@ class Recorder(Node):
         self._log.write(message.topic, message.data, log_ns)
 
     def _is_of_clock_maker(self, name: str) -> bool:
-        """Return whether all publishers of a topic belong to the node that makes /clock, once there is one."""
+        """Return whether all publishers of a topic belong to the node that makes /clock, once that is known."""
         known = self._of_clock_maker.get(name)
         if known is None:
-            makers = self._nodes(CLOCK.name)
-            if not makers:
+            makers, publishers = self._nodes(CLOCK.name), self._nodes(name)
+            if not makers or not publishers:
                 return False
-            known = self._of_clock_maker[name] = self._nodes(name) <= makers
+            known = self._of_clock_maker[name] = publishers <= makers
         return known
 
     def _nodes(self, topic: str) -> set[str]:
-        ends = self.get_publishers_info_by_topic(topic)
-        return {resolved(end.node_namespace, end.node_name) for end in ends}
+        """Return the nodes that publish a topic; none while one of them is not known."""
+        found = {node_at(end) for end in self.get_publishers_info_by_topic(topic)}
+        return set() if "" in found else found
 
     def _keep(self, message: Received) -> None:
         """Keep the first messages: should a /clock appear, they get its time after all."""
@@ -224,7 +225,7 @@ class Recorder(Node):
         self._log = BagLog(self.path, self._definitions)
         for name, of_topic in self._types.items():
             self._log.add_topic(name, *of_topic)
-        self._times = LogTimes(TimeSource.SIMULATED, self._write)
+        self._times = LogTimes(TimeSource.SIMULATED, self._write, self._is_of_clock_maker)
         kept, self._kept = self._kept, []
         for message in kept:
             self._times.take(message)

@@ -63,7 +63,7 @@ from jammkle_common.names import (
     relative,
     resolved,
 )
-from jammkle_common.qos import subscriber_qos
+from jammkle_common.qos import node_at, subscriber_qos
 from jammkle_msgs.srv import Step
 from jammkle_sim.parameters import SimParameters
 
@@ -483,7 +483,7 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
 
 def _names(client: GraphClient, ends: Sequence[TopicEndpointInfo]) -> set[str | None]:
     """Return the nodes at these ends, relative to the graph's namespace."""
-    return {relative(client.namespace, resolved(end.node_namespace, end.node_name)) for end in ends}
+    return {relative(client.namespace, node_at(end)) for end in ends}
 
 
 def _clock_ns(tick: Clock) -> int:

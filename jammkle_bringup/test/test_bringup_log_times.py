@@ -16,7 +16,8 @@ class Log:
     def __init__(self, source: TimeSource) -> None:
         self.written: dict[str, int] = {}
         self.order: list[str] = []
-        self.times = LogTimes(source, self._write)
+        self.of_clock_maker: set[str] = set()
+        self.times = LogTimes(source, self._write, lambda topic: topic in self.of_clock_maker)
 
     def _write(self, message: Received, log_ns: int) -> None:
         self.written[message.topic] = log_ns
@@ -32,8 +33,8 @@ def test_in_simulation_a_message_has_the_time_of_the_step_in_which_it_was_publis
     messages = [
         tick(2 * MS_NS, EPOCH_NS + 10),
         Received("/duty", b"", EPOCH_NS + 15),
-        Received("/gait", b"", EPOCH_NS + 20, from_clock_maker=True),
-        Received("/imu", b"", EPOCH_NS + 21, 3 * MS_NS, from_clock_maker=True),
+        Received("/gait", b"", EPOCH_NS + 20),
+        Received("/imu", b"", EPOCH_NS + 21, 3 * MS_NS),
         tick(4 * MS_NS, EPOCH_NS + 30),
         Received("/solenoid", b"", EPOCH_NS + 31),
         Received("/event", b"", EPOCH_NS + 32, 3 * MS_NS),
@@ -44,6 +45,7 @@ def test_in_simulation_a_message_has_the_time_of_the_step_in_which_it_was_publis
     for seed in range(20):
         random.Random(seed).shuffle(others)  # noqa: S311 - an order, no secret
         log = Log(TimeSource.UNDECIDED)
+        log.of_clock_maker = {"/gait", "/imu"}
         for each in others:
             log.times.take(each)
         for each in ticks:
@@ -55,6 +57,19 @@ def test_in_simulation_a_message_has_the_time_of_the_step_in_which_it_was_publis
         assert log.written["/solenoid"] == 4 * MS_NS
         assert log.written["/event"] == 4 * MS_NS
         assert log.times.source is TimeSource.SIMULATED
+
+
+def test_who_publishes_a_topic_may_become_known_after_its_first_message() -> None:
+    """A publisher is found before its node is: what its first message was taken for does not stay."""
+    log = Log(TimeSource.SIMULATED)
+    log.times.take(Received("/gait", b"", EPOCH_NS + 5))
+    log.of_clock_maker = {"/gait"}
+    log.times.tick(tick(2 * MS_NS, EPOCH_NS + 10))
+    log.times.tick(tick(4 * MS_NS, EPOCH_NS + 20))
+    assert log.written["/gait"] == 2 * MS_NS
+    log.times.take(Received("/gait", b"", EPOCH_NS + 15))
+    log.times.end()
+    assert log.written["/gait"] == 4 * MS_NS
 
 
 def test_what_was_resent_late_is_shifted_by_nothing() -> None:

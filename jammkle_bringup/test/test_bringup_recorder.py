@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,6 +25,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
+from jammkle_bringup.recorder import Recorder
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 CHUNK_BYTES = 2**20
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""What rmw_dds_common has for a node that is not known yet."""
 TIMEOUT_S = 30.0
 
 READ_ELSEWHERE = """
@@ -381,3 +385,16 @@ def test_every_topic_of_the_graph_has_a_definition_to_embed(topic: names.Topic) 
     ][:1]
     hashes = {each["type_name"]: each["hash_string"] for each in json.loads(built.read_text())["type_hashes"]}
     assert definition.type_hash == hashes[topic.message_type]
+
+
+def test_a_publisher_whose_node_is_not_known_yet_decides_nothing() -> None:
+    """A node's name comes after its publishers; meanwhile all that are unknown look like the one that makes /clock."""
+    unknown, sim, driver = (SimpleNamespace(node_namespace="/", node_name=name) for name in (UNKNOWN, "sim", "driver"))
+    graph = {"/clock": [unknown], "/duty": [unknown], "/imu": [unknown]}
+    recorder = Recorder.__new__(Recorder)
+    recorder._of_clock_maker = {}
+    recorder.get_publishers_info_by_topic = graph.__getitem__  # type: ignore[method-assign]
+    assert not recorder._is_of_clock_maker("/duty")
+    graph.update({"/clock": [sim], "/duty": [driver], "/imu": [sim]})
+    assert not recorder._is_of_clock_maker("/duty")
+    assert recorder._is_of_clock_maker("/imu")

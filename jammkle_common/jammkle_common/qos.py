@@ -13,13 +13,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from jammkle_common.names import CLOCK, DIAGNOSTICS, SENSOR_HISTORY_DEPTH, Delivery, published, relative, subscribed
+from jammkle_common.names import (
+    CLOCK,
+    DIAGNOSTICS,
+    SENSOR_HISTORY_DEPTH,
+    Delivery,
+    published,
+    relative,
+    resolved,
+    subscribed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from jammkle_common.names import Topic
 
@@ -140,6 +150,15 @@ def _read(info: Mapping[str, int | None]) -> MessageInfo:
 
 _OUTSIDE = (CLOCK.name, DIAGNOSTICS.name, "/tf", "/tf_static")
 _LEFT_OUT = ("/rosout", "/parameter_events")
+
+
+def node_at(end: TopicEndpointInfo) -> str:
+    """Return the full name of the node at an end of a topic; empty while it is not known: it comes after the end."""
+    return "" if end.node_name == _UNKNOWN_NODE else resolved(end.node_namespace, end.node_name)
+
+
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""What rmw_dds_common (`GraphCache`) has for a node that is not known yet."""
 
 
 def belongs(namespace: str, name: str) -> bool:

@@ -15,8 +15,8 @@ from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correct
 from jammkle_gap.ankle.effects import ankle_library, machine_constants
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError
-from jammkle_sim.kinds import make_simulation
-from jammkle_sim.parameters import SimParameters
+from jammkle_sim.kinds import make_robot, make_simulation
+from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 from jammkle_sim.rigs.replay import CommandTrack, Timeline
 from jammkle_sim.rigs.rig import laws_of
@@ -97,6 +97,43 @@ def test_the_sim_node_takes_the_file(tmp_path: Path) -> None:
     assert simulation.ankle.channel_pressures_pa()[names.ACHILLES] == pytest.approx(before, abs=400.0)
     simulation.advance(200)
     assert simulation.ankle.channel_pressures_pa()[names.ACHILLES] < before - 5e3
+
+
+def test_one_ankle_of_a_robot_has_the_effects_of_a_file(tmp_path: Path) -> None:
+    """A leak in one of four ankles keeps its pump at work, and the description of the robot has it."""
+    (tmp_path / "leak.yaml").write_text(corrected_text(LIBRARY, {"line_leak_achilles.conductance_dm3_s_bar": 0.004}))
+    held = []
+    for file, ankle in (("", ""), (str(tmp_path / "leak.yaml"), "lh_ankle")):
+        parameters = RobotParameters(robot="quadruped", behaviour="stand", effects_file=file, effects_ankle=ankle)
+        simulation = make_robot(parameters)
+        for each in simulation.ankles.values():
+            each.hold_vacuum({names.ACHILLES: 40e3})
+        for _ in simulation.samples(duration_s=1.5, rate_hz=100):
+            pass
+        held.append({name: each.pump_duty for name, each in simulation.ankles.items()})
+    healthy, leaking = held
+    assert leaking["lh_ankle"] > healthy["lh_ankle"] + 0.1
+    assert simulation.machine.description()["effects"] == {
+        "lh_ankle": {"line_leak_achilles.conductance_dm3_s_bar": 0.004}
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "ankle", "said"),
+    [
+        ({"payload.mass_kg": 1.0}, "", r"effect 'payload' changes a body.*take it out"),
+        ({"ankle_joint_friction.viscous_n_m_s": 0.01}, "", r"effect 'ankle_joint_friction' changes a body"),
+        ({"imu_delay.delay_s": 0.01}, "", r"imu_delay.*stamps"),
+        ({"pump_wear.flow_scale": 0.5}, "left", r"effects_ankle' is 'left'; this robot's ankles are: ankle"),
+    ],
+)
+def test_a_robot_refuses_effects_that_it_cannot_have(
+    tmp_path: Path, values: dict[str, float], ankle: str, said: str
+) -> None:
+    """Its bodies are its own, and what acts on stamps shows in no live simulation."""
+    (tmp_path / "effects.yaml").write_text(corrected_text(LIBRARY, values))
+    with pytest.raises(ParameterError, match=said):
+        make_robot(RobotParameters(effects_file=str(tmp_path / "effects.yaml"), effects_ankle=ankle))
 
 
 def test_a_reset_forgets_commands_on_their_way(tmp_path: Path) -> None:

@@ -21,9 +21,9 @@ from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.robot import FollowingControl
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-    from jammkle_sim.rigs.rig import Machine, Rig
+    from jammkle_sim.rigs.rig import Change, Machine
     from jammkle_sim.robots.robot import Robot
 
 
@@ -65,7 +65,7 @@ def make_simulation(parameters: SimParameters) -> Simulation:
         ParameterError: the rig refuses a value, or the effects file cannot be used.
 
     """
-    change = _effects(parameters.effects_file)
+    change = _effects(parameters.effects_file) or as_it_is
     options = checked(_options(LandingOptions, parameters))
     return _warmed_up(lambda: change(landing_built(options)))
 
@@ -77,15 +77,35 @@ def make_robot(parameters: RobotParameters) -> Simulation:
         parameters: The node's parameters.
 
     Raises:
-        ParameterError: the robot refuses a value.
+        ParameterError: the robot refuses a value, or the effects file cannot be used.
 
     """
+    change = _effects(parameters.effects_file)
 
     def built() -> Robot:
         made = robot(parameters.robot, _options(RobotOptions, parameters))
-        return dataclasses.replace(made, control=FollowingControl(made.model, made.control))
+        chosen = _chosen_ankles([each.name for each in made.ankles], parameters.effects_ankle)
+        changes = {} if change is None else dict.fromkeys(chosen, change)
+        return dataclasses.replace(made, control=FollowingControl(made.model, made.control), changes=changes)
 
-    return _warmed_up(built)
+    try:
+        return _warmed_up(built)
+    except BadChangeError as error:
+        msg = f"parameter 'effects_file': {error}"
+        raise ParameterError(msg) from error
+
+
+def _chosen_ankles(names: Sequence[str], wanted: str) -> Sequence[str]:
+    """Return the ankles that are meant; all where none is named.
+
+    Raises:
+        ParameterError: the robot has no such ankle.
+
+    """
+    if wanted and wanted not in names:
+        msg = f"parameter 'effects_ankle' is '{wanted}'; this robot's ankles are: {', '.join(names)}"
+        raise ParameterError(msg)
+    return [wanted] if wanted else names
 
 
 def _warmed_up(build: Callable[[], Machine]) -> Simulation:
@@ -103,15 +123,15 @@ def _options(table: type, parameters: RunParameters) -> Any:
     return table(**{field.name: getattr(parameters, field.name) for field in fields(table)})
 
 
-def _effects(file: str) -> Callable[[Rig], Rig]:
-    """Return what the effects of a file do to a rig; nothing without a file.
+def _effects(file: str) -> Change | None:
+    """Return what the effects of a file do; None without a file.
 
     Raises:
         ParameterError: it cannot be read, or holds what cannot be simulated live.
 
     """
     if not file:
-        return as_it_is
+        return None
     try:
         change = load_change(Path(file))
         change.check_live()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from jammkle_common.parameters import ParameterError, parameter
 from jammkle_sim.core.engine import RateError, steps_per_output, timestep_ns
@@ -95,6 +96,12 @@ def check_rates(parameters: RunParameters, timestep_s: float) -> None:
         raise ParameterError(str(error)) from error
 
 
+def _effects_option() -> Any:
+    """Return the row of `effects_file`."""
+    about = "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
+    return parameter("", about)
+
+
 @dataclass(frozen=True)
 class SimParameters(RunParameters):
     """What can be set on the sim node that simulates an ankle on its rig."""
@@ -107,9 +114,7 @@ class SimParameters(RunParameters):
     release_time_s: float = release_time_option("the start or a reset", 3600.0)
     mass_kg: float = mass_option()
     friction: float = slope_friction_option()
-    effects_file: str = parameter(
-        "", "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
-    )
+    effects_file: str = _effects_option()
 
     def __post_init__(self) -> None:
         """Check what the values say of each other; each alone was checked before.
@@ -149,6 +154,8 @@ class RobotParameters(RobotOptions, RunParameters):
     )
     drop_height_m: float = drop_height_option("ground", dynamic=True)
     robot: str = parameter("leg", "What is simulated", choices=ROBOTS)
+    effects_file: str = _effects_option()
+    effects_ankle: str = parameter("", "Name of the ankle that the effects are put into; empty: every one")
 
     def __post_init__(self) -> None:
         """Check what the values say of each other; each alone was checked before.

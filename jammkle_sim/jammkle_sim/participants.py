@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from jammkle_common import wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, LOCKSTEP, below, resolved
-from jammkle_common.qos import answer_qos, subscriber_qos
+from jammkle_common.qos import answer_qos, node_at, subscriber_qos
 from jammkle_sim.core.lockstep import Lockstep
 
 if TYPE_CHECKING:
@@ -111,10 +111,10 @@ class Participants:
         if tick_ns is None or tick_ns == self._answered_ns or next_output_ns <= tick_ns or not self.ready():
             return
         if self._other is None:
-            makers = self._node.get_publishers_info_by_topic(CLOCK.name)
-            if not makers:
+            makers = [node_at(end) for end in self._node.get_publishers_info_by_topic(CLOCK.name)]
+            if not makers or not makers[0]:
                 return
-            topic = resolved(makers[0].node_namespace, LOCKSTEP.name)
+            topic = resolved(makers[0].rpartition("/")[0], LOCKSTEP.name)
             self._other = self._node.create_publisher(Header, topic, answer_qos())
         self._other.publish(self._writer.write(tick_ns))
         self._answered_ns = tick_ns
@@ -145,11 +145,7 @@ class Participants:
         if self._account.waited_s < _LEFT_AFTER_S or now_s - self._looked_s < _LEFT_AFTER_S:
             return
         self._looked_s = now_s
-        there = {
-            resolved(end.node_namespace, end.node_name)
-            for topic in self._topics
-            for end in self._node.get_publishers_info_by_topic(topic)
-        }
+        there = {node_at(end) for topic in self._topics for end in self._node.get_publishers_info_by_topic(topic)}
         for name in self._account.missing:
-            if name not in there:
+            if name not in there and "" not in there:
                 self._account.forget(name)

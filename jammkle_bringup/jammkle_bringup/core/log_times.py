@@ -45,7 +45,6 @@ class Received:
         data: Serialised (CDR).
         source_ns: When it was published, ns of its publisher's system clock.
         stamp_ns: Stamp of its header, ns; 0 where it has none.
-        from_clock_maker: Whether its publisher makes /clock.
 
     """
 
@@ -53,22 +52,26 @@ class Received:
     data: bytes
     source_ns: int
     stamp_ns: int = 0
-    from_clock_maker: bool = False
 
 
 class LogTimes:
     """Gives messages their log times, and holds them until those are known."""
 
-    def __init__(self, source: TimeSource, write: Callable[[Received, int], None]) -> None:
+    def __init__(
+        self, source: TimeSource, write: Callable[[Received, int], None], is_of_clock_maker: Callable[[str], bool]
+    ) -> None:
         """Start.
 
         Args:
             source: Which clock to use; UNDECIDED goes by the first stamp, or the first tick.
             write: Takes each message with its log time, ns.
+            is_of_clock_maker: Whether a topic is published by the node that makes /clock; asked when a message is
+                written, as the graph may not know a publisher's node yet when the first message arrives.
 
         """
         self.source = source
         self._write = write
+        self._is_of_clock_maker = is_of_clock_maker
         self._held: list[Received] = []
         self._tick_sources_ns: list[int] = []
         self._tick_stamps_ns: list[int] = []
@@ -129,12 +132,13 @@ class LogTimes:
             self._write(each, log_ns)
 
     def _log_ns(self, message: Received) -> int:
-        if message.from_clock_maker and message.stamp_ns:
+        of_clock_maker = self._is_of_clock_maker(message.topic)
+        if of_clock_maker and message.stamp_ns:
             return message.stamp_ns
         if not self._tick_stamps_ns:
             return 0
         following = bisect.bisect_right(self._tick_sources_ns, message.source_ns)
         if following == 0 and message.stamp_ns:
             return min(message.stamp_ns, self._tick_stamps_ns[0])
-        at = following if message.from_clock_maker else following - 1
+        at = following if of_clock_maker else following - 1
         return self._tick_stamps_ns[min(max(at, 0), len(self._tick_stamps_ns) - 1)]

@@ -25,20 +25,22 @@ from jammkle_gap.ankle.effects import (
     machine_constants,
     read_yaml,
 )
-from jammkle_gap.ankle.inputs import AnkleInputs, drawing_of, rig_of
+from jammkle_gap.ankle.inputs import AnkleInputs, drawing_of, nominal_rig, rig_of
 from jammkle_gap.core.effects import BadEffectError, Library
+from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.rigs.replay import CommandTrack, Timeline
-from jammkle_sim.rigs.rig import BadChangeError
+from jammkle_sim.rigs.rig import BadChangeError, laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from jammkle_gap.core.effects import Effect
-    from jammkle_sim.rigs.rig import Rig
+    from jammkle_sim.rigs.rig import AnkleInModel, Rig
 
 _LIBRARY = "library"
 _TIMING, _COMMAND_DELAY = "timing", "command_delay"
+_NO_COMMANDS = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
 _HEADER = (
     "# Effects that bring the simulation closer to the robot: for `jammkle rig ... --effects FILE` and the sim node."
 )
@@ -54,15 +56,15 @@ class Correction:
 
     def __call__(self, rig: Rig) -> Rig:
         """Return a rig with the effects in it, which its description tells."""
-        changed = apply_effects(self._drawn(rig), self.library, self.values)
+        changed = apply_effects(self.drawn(rig), self.library, self.values)
         return dataclasses.replace(changed, effects=dict(self.values))
 
-    def _drawn(self, rig: Rig) -> Rig:
+    def drawn(self, rig: Rig) -> Rig:
         """Return a rig built with the constants that its drawing takes; the same where none of these differs."""
         if rig.name not in RIGS:
             return rig
         options = tuple(sorted(dataclasses.asdict(rig.options).items()))
-        drawn = AnkleInputs(rig.name, options, CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {}))
+        drawn = AnkleInputs(rig.name, options, _NO_COMMANDS)
         changed = drawing_of(apply_to_inputs(drawn, self.library, self.values))
         return rig if changed == drawing_of(drawn) else rig_of(changed)
 
@@ -152,6 +154,11 @@ class RigChange:
 
     correction: Correction
 
+    @property
+    def values(self) -> Mapping[str, float]:
+        """What is changed, by `effect.parameter`."""
+        return self.correction.values
+
     def __call__(self, rig: Rig) -> Rig:
         """Return a rig with the effects in it.
 
@@ -175,6 +182,51 @@ class RigChange:
             check_live(self.correction)
         except BadEffectError as error:
             raise BadChangeError(str(error)) from error
+
+    def on_ankle(self, ankle: AnkleInModel, timestep_s: float) -> AnkleInModel:
+        """Return an ankle of a robot with the effects in its laws and its wiring.
+
+        A rig with this ankle's laws is changed, and has them back. What changes the rig itself is refused.
+
+        Args:
+            ankle: As it is.
+            timestep_s: Of the robot's model, s.
+
+        Raises:
+            BadChangeError: an effect changes a body, a contact, or how the ankle is drawn.
+
+        """
+        laws = ankle.laws
+        rig = dataclasses.replace(
+            nominal_rig(AnkleInputs("landing", (("timestep_s", timestep_s),), _NO_COMMANDS)),
+            tendon_laws=laws.tendons,
+            pneumatic_law=laws.pneumatics,
+            imu_law=laws.imu,
+            joint_law=laws.joint,
+            wiring=ankle.wiring,
+        )
+        for effect in self.correction.library:
+            own = {key: value for key, value in self.values.items() if key.rpartition(".")[0] == effect.name}
+            alone = dataclasses.replace(self.correction, values=own)
+            if own and not _keeps_bodies(rig, alone):
+                msg = f"effect '{effect.name}' changes a body, a contact or the drawing, which a robot has as built"
+                msg += "; take it out of the file, or simulate an ankle on its rig (`jammkle up` without --robot)"
+                raise BadChangeError(msg)
+        changed = self(rig)
+        return dataclasses.replace(ankle, laws=laws_of(changed), wiring=changed.wiring)
+
+
+def _keeps_bodies(rig: Rig, correction: Correction) -> bool:
+    """Return whether effects leave a rig's drawing and its model as they are, to the byte."""
+    if correction.drawn(rig) is not rig:
+        return False
+    changed = correction(rig)
+    if changed.model is rig.model:
+        return True
+    before, after = (np.zeros(mujoco.mj_sizeModel(rig.model), np.uint8) for _ in range(2))
+    mujoco.mj_saveModel(rig.model, None, before)
+    mujoco.mj_saveModel(changed.model, None, after)
+    return bool(np.array_equal(before, after))
 
 
 def load_change(file: Path) -> RigChange:

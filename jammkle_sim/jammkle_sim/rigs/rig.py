@@ -385,7 +385,11 @@ class BadChangeError(ValueError):
 
 
 class Change(Protocol):
-    """What is done to a rig."""
+    """What is done to a rig, or to an ankle of a robot."""
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """What is changed, and by how much, by `effect.parameter`."""
 
     def __call__(self, rig: Rig) -> Rig:
         """Return a changed rig.
@@ -400,6 +404,18 @@ class Change(Protocol):
 
         Raises:
             BadChangeError: something in it cannot be simulated live.
+
+        """
+
+    def on_ankle(self, ankle: AnkleInModel, timestep_s: float) -> AnkleInModel:
+        """Return an ankle of a robot that is changed, the robot's own bodies as they are.
+
+        Args:
+            ankle: As it is.
+            timestep_s: Of the robot's model, s.
+
+        Raises:
+            BadChangeError: something in it changes more than tendons, air, dry friction of the joint, and sensors.
 
         """
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_common.parameters import ParameterClass
-    from jammkle_sim.rigs.rig import Event, FootPlan, JointControl
+    from jammkle_sim.rigs.rig import Change, Event, FootPlan, JointControl
 
 _MOUNT, _FOOT, _IMU, _SOLE = "mount", "foot", "imu", "sole_contacts"
 _DATA = mujoco.mjtConDataField
@@ -210,6 +210,8 @@ class Robot:
     """What it was built from, if it is one of ours."""
     parts: Mapping[str, Any] = field(default_factory=dict)
     """Every other dataclass of constants that went into it, by name."""
+    changes: Mapping[str, Change] = field(default_factory=dict)
+    """What is done to an ankle, by its name."""
 
     @property
     def one_imu(self) -> bool:
@@ -217,9 +219,14 @@ class Robot:
         return all(ankle.imu is ImuPlace.BODY for ankle in self.ankles)
 
     def in_model(self) -> tuple[AnkleInModel, ...]:
-        """Return every ankle, as the model has it."""
+        """Return every ankle, as the model has it.
+
+        Raises:
+            BadChangeError: an ankle cannot be changed as asked for.
+
+        """
         step_s = float(self.model.opt.timestep)
-        return tuple(
+        ankles = (
             AnkleInModel(
                 name=ankle.name,
                 laws=records.Laws(
@@ -238,6 +245,9 @@ class Robot:
             )
             for index, ankle in enumerate(self.ankles)
         )
+        return tuple(
+            self.changes[each.name].on_ankle(each, step_s) if each.name in self.changes else each for each in ankles
+        )
 
     def description(self) -> dict[str, object]:
         """Return its name and all its parameters, ready for YAML."""
@@ -246,7 +256,9 @@ class Robot:
             parts = {"options": self.options, **parts}
         plain = {name: dataclasses.asdict(part) for name, part in parts.items()}
         ankles = [ankle.name for ankle in self.ankles]
-        return {"robot": self.name, "timestep_s": float(self.model.opt.timestep), "ankles": ankles, **plain}
+        effects = {name: dict(change.values) for name, change in self.changes.items()}
+        changed = {"effects": effects} if effects else {}
+        return {"robot": self.name, "timestep_s": float(self.model.opt.timestep), "ankles": ankles, **plain, **changed}
 
 
 def robot_of(
