@@ -75,6 +75,7 @@ def test_ankle_moves_as_measured(model: Path) -> None:
     assert robot.joints == JOINTS
     assert set(robot.carried) == {"ankle_pitch", "ankle_roll", "ankle_yaw"}
     assert [each.joint for each in robot.drives] == [*JOINTS]
+    assert not robot.locked  # the model itself holds the slides of the base
 
 
 def test_friction_of_the_knee_is_named(model: Path, tmp_path: Path) -> None:

@@ -105,6 +105,8 @@ def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Sam
     assert "gains: {yaw: {kp: ..., kd: ...}}" in refusal(tmp_path, run, actuators=robot_arm.MOTORS)
     still = {key: np.round(values, 0) * 0.0 if key != "time_s" else values for key, values in recorded.items()}
     assert "nothing moves" in refusal(tmp_path, robot_arm.run("one", still))
+    still = {key: 1e-4 * np.sin(values) if key != "time_s" else values for key, values in recorded.items()}
+    assert "nothing moves" in refusal(tmp_path, robot_arm.run("one", still))
     run = robot_arm.run("one", recorded, without=("effort", "commands"))
     assert "neither commands" in refusal(tmp_path, run)
     assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})

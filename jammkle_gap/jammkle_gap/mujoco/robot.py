@@ -97,10 +97,11 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
 
     """
     spec, model = load(file)
+    held = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT and not each.name2}
     scalar = [
         model.joint(k).name
         for k in range(model.njnt)
-        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name
+        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name and model.joint(k).name not in held
     ]
     notes: list[str] = []
     measured, locked = _matched_joints(file, scalar, runs, given, notes)

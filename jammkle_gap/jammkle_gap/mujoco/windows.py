@@ -37,6 +37,10 @@ _MOVED_STEPS = 5.0
 """Twice the standard deviation of a reading, so often, a joint must travel to have moved. Chosen: five steps."""
 
 
+_STILL = 1e-3
+"""Travel, rad or m, up to which a joint stands, however finely it is read. Chosen: a step of an encoder of 12 bits."""
+
+
 def recordings_of(
     robot: Robot, runs: Sequence[Run], window_s: float, search_s: float
 ) -> tuple[list[Recording], list[Recording]]:
@@ -168,7 +172,7 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
     travels = np.ptp(readings, axis=0)
     for column, name in enumerate(robot.joints):
         track = run.measured[name, Quantity.POSITION]
-        if travels[column] > _MOVED_STEPS * 2.0 * deviation_of(track.values):
+        if travels[column] > max(_MOVED_STEPS * 2.0 * deviation_of(track.values), _STILL):
             return
     msg = f"nothing moves in recording {run.name}: no joint travels more than {travels.max():.2g}"
     msg += "; record a motion of every joint"
