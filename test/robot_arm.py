@@ -136,7 +136,12 @@ def write_csv(path: Path, recorded: Samples) -> Path:
 
 
 def write_bag(
-    path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0, imu_frame: str = ""
+    path: Path,
+    recorded: Samples,
+    form: str = "trajectory",
+    ahead_s: float = 0.0,
+    imu_frame: str = "",
+    second: str = "",
 ) -> Path:
     """Write samples as a bag with `joint_states` and commands.
 
@@ -147,6 +152,7 @@ def write_bag(
             (JointState), or `none`.
         ahead_s: By which the clock of the commands' stamps is ahead.
         imu_frame: Of an IMU that lies still; empty: there is none.
+        second: Another topic with the same joint states; empty: there is none.
 
     """
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -161,6 +167,7 @@ def write_bag(
     }
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        again = writer.add_connection(second, "sensor_msgs/msg/JointState", typestore=store) if second else None
         commanded = None if form == "none" else writer.add_connection(*kinds[form], typestore=store)
         imu = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
         for k, at_s in enumerate(recorded["time_s"].tolist()):
@@ -171,6 +178,8 @@ def write_bag(
             message = store.types["sensor_msgs/msg/JointState"](header, names, row["position"], none, row["effort"])
             data = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
             writer.write(states, stamp_ns, data)
+            if again is not None:
+                writer.write(again, stamp_ns, data)
             if imu_frame:
                 vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
                 framed = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), imu_frame)

@@ -53,6 +53,18 @@ def test_bags_hold_the_same_however_they_are_commanded(tmp_path: Path, recorded:
         assert np.allclose(run.measured[joint, Quantity.EFFORT].values, recorded[f"{joint}.effort"])
 
 
+def test_joint_states_of_several_topics_are_asked_for(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Where two topics hold the same joints, the map says which; what it names is there."""
+    model = robot_arm.write_model(tmp_path)
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, second="/arm/joint_states")
+    with pytest.raises(BadRecordingError, match=r"joint yaw twice, on /arm/joint_states, /joint_states; name one"):
+        matched(model, [bag])
+    with pytest.raises(BadRecordingError, match="joint states on /arm/joint_states, /joint_states; name one"):
+        matched(model, [bag], {"states": "/leg/joint_states"})
+    (run,), _ = matched(model, [bag], {"states": "arm/joint_states"})
+    assert np.allclose(run.measured["elbow", Quantity.EFFORT].values, recorded["elbow.effort"])
+
+
 def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """A CSV file with the same columns is the same run."""
     names = list(recorded)

@@ -6,6 +6,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
       shoulder_pan_joint: {model: joint1, sign: -1, offset: 0.1}   # model's = sign * recorded + offset
       gripper: locked                                              # or: measured; or: elbow_joint: joint3
     units: degrees
+    states: /joint_states                  # topic, where several hold the same joints
     commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position}
     gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
     torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
@@ -177,6 +178,8 @@ class RobotMap:
     """Joints of the model that move as they were measured, whatever acts on them."""
     degrees: bool | None = None
     """Whether angles are in degrees; None: radians, and doubted where the model's limits say so."""
+    states: str | None = None
+    """Topic of the joint states; None: all that there are."""
     topic: str | None = None
     """Of the commands; None: the only one that there is."""
     order: tuple[str, ...] = ()
@@ -196,7 +199,7 @@ class RobotMap:
     """By topic or frame; those not in it have the name of a site as their frame."""
 
 
-_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
+_KEYS = ("joints", "units", "states", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
 _LOCKED, _MEASURED = "locked", "measured"
 
@@ -258,6 +261,7 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         tuple(locked),
         tuple(carried),
         None if units is None else units == "degrees",
+        table.get("states"),
         commands.get("topic"),
         tuple(map(str, commands.get("order") or ())),
         Quantity(commands.get("quantity", "position")),
