@@ -10,7 +10,7 @@ import pytest
 
 from jammkle_gap import Verdict, diagnose_mujoco
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.runs import BadRobotError, Quantity, Run, Track
+from jammkle_gap.mujoco.runs import BadRobotError, Quantity, Run, Sense, Track
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
 from jammkle_sim.robots.options import RobotOptions
@@ -76,6 +76,15 @@ def test_ankle_moves_as_measured(model: Path) -> None:
     assert set(robot.carried) == {"ankle_pitch", "ankle_roll", "ankle_yaw"}
     assert [each.joint for each in robot.drives] == [*JOINTS]
     assert not robot.locked  # the model itself holds the slides of the base
+
+
+def test_imu_may_be_left_out(model: Path) -> None:
+    """Readings at a site are compared, unless the map says none: the model knows no filter of an IMU."""
+    run = shaken()
+    still = Track(np.array([0.0, 4.0]), np.zeros(2))
+    sensed = replace(run, sensed={("ankle/imu", Sense.RATE): (still, still, still)})
+    assert matched(model, [sensed])[1].senses
+    assert not matched(model, [sensed], {"sensors": "none"})[1].senses
 
 
 def test_friction_of_the_knee_is_named(model: Path, tmp_path: Path) -> None:

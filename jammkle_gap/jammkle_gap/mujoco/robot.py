@@ -183,6 +183,8 @@ def _matched_senses(
             msg = f"the map puts sensor {name} at site {asked.site}, which the model has not"
             msg += f"; it has: {', '.join(sites) or 'none'}"
             raise BadRobotError(msg)
+    if not given.senses:
+        return ()
     everywhere = [key for key in runs[0].sensed if all(key in run.sensed for run in runs)]
     strange = sorted({site for run in runs for site, _ in run.sensed if site not in sites})
     if strange:

@@ -13,7 +13,8 @@ Names, signs, offsets and units follow a map where recording and model do not ag
     base: held                             # or free, or measured: as odometry says
     noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
     tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
-    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site of the model
+    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site
+                                           # of the model; sensors: none leaves all of them out
 """
 
 from __future__ import annotations
@@ -197,11 +198,13 @@ class RobotMap:
     """Standard deviation of what the model says of every body, joint or drive, as a share of it, by `TOLERATED`."""
     sensors: Mapping[str, SensorMap] = field(default_factory=dict)
     """By topic or frame; those not in it have the name of a site as their frame."""
+    senses: bool = True
+    """Whether sensors at sites are compared at all."""
 
 
 _KEYS = ("joints", "units", "states", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
-_LOCKED, _MEASURED = "locked", "measured"
+_LOCKED, _MEASURED, _NO_SENSORS = "locked", "measured", "none"
 
 
 def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
@@ -256,6 +259,7 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         if not 0.0 < value < 1.0:
             msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
             raise BadRobotError(msg)
+    senses = table.get("sensors") != _NO_SENSORS
     return RobotMap(
         joints,
         tuple(locked),
@@ -271,11 +275,13 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         {Quantity(name): float(value) for name, value in dict(table.get("noise") or {}).items()},
         tolerances,
         {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
+        senses,
     )
 
 
 def _table(table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    return dict(table.get(key) or {})
+    said = table.get(key)
+    return {} if said == _NO_SENSORS else dict(said or {})
 
 
 def _sensor_of(said: Any, where: str) -> SensorMap:
