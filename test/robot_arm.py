@@ -55,6 +55,8 @@ STEP_RAD = 2.0 * np.pi / 8192.0
 """Of the encoders."""
 NOISE_N_M = 0.05
 """Of efforts."""
+_BEGUN_S = 20.0
+"""When a bag begins, as of a simulation."""
 
 if TYPE_CHECKING:
     Change = Callable[[mujoco.MjModel], None]
@@ -134,16 +136,23 @@ def write_csv(path: Path, recorded: Samples) -> Path:
 
 
 def write_bag(
-    path: Path, recorded: Samples, form: str = "trajectory", ahead_s: float = 0.0, imu_frame: str = ""
+    path: Path,
+    recorded: Samples,
+    form: str = "trajectory",
+    ahead_s: float = 0.0,
+    imu_frame: str = "",
+    second: str = "",
 ) -> Path:
     """Write samples as a bag with `joint_states` and commands.
 
     Args:
         path: Folder of the bag.
         recorded: The samples.
-        form: Of the commands: `trajectory`, `array` (Float64MultiArray), `states` (JointState), or `none`.
+        form: Of the commands: `trajectory`, `now` (one without a stamp), `array` (Float64MultiArray), `states`
+            (JointState), or `none`.
         ahead_s: By which the clock of the commands' stamps is ahead.
         imu_frame: Of an IMU that lies still; empty: there is none.
+        second: Another topic with the same joint states; empty: there is none.
 
     """
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -152,21 +161,25 @@ def write_bag(
     names = list(JOINTS)
     kinds = {
         "trajectory": ("/arm/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
+        "now": ("/arm/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
         "array": ("/arm/commands", "std_msgs/msg/Float64MultiArray"),
         "states": ("/arm/joint_command", "sensor_msgs/msg/JointState"),
     }
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        again = writer.add_connection(second, "sensor_msgs/msg/JointState", typestore=store) if second else None
         commanded = None if form == "none" else writer.add_connection(*kinds[form], typestore=store)
         imu = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
         for k, at_s in enumerate(recorded["time_s"].tolist()):
-            stamp_ns = round((at_s + 100.0) * 1e9)
+            stamp_ns = round((at_s + _BEGUN_S) * 1e9)
             header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
             row = {each: np.array([recorded[f"{name}.{each}"][k] for name in names]) for each in ("position", "effort")}
             none = np.array([])
             message = store.types["sensor_msgs/msg/JointState"](header, names, row["position"], none, row["effort"])
             data = store.serialize_cdr(message, "sensor_msgs/msg/JointState")
             writer.write(states, stamp_ns, data)
+            if again is not None:
+                writer.write(again, stamp_ns, data)
             if imu_frame:
                 vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
                 framed = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), imu_frame)
@@ -178,9 +191,11 @@ def write_bag(
             asked = np.array([recorded[f"command.{name}.position"][k] for name in names])
             if commanded is None:
                 continue
-            stamp_ns = round((at_s + 100.0 + ahead_s) * 1e9)
+            stamp_ns = round((at_s + _BEGUN_S + ahead_s) * 1e9)
             header = header_type(time_type(stamp_ns // 10**9, stamp_ns % 10**9), "")
-            if form == "trajectory":
+            if form in {"trajectory", "now"}:
+                if form == "now":
+                    header = header_type(time_type(0, 0), "")
                 point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"](
                     asked, none, none, none, duration_type(0, 0)
                 )
@@ -190,7 +205,7 @@ def write_bag(
                 command = store.types[commanded.msgtype](layout, asked)
             else:
                 command = store.types[commanded.msgtype](header, names, asked, none, none)
-            writer.write(commanded, round((at_s + 100.0) * 1e9), store.serialize_cdr(command, commanded.msgtype))
+            writer.write(commanded, round((at_s + _BEGUN_S) * 1e9), store.serialize_cdr(command, commanded.msgtype))
     return path
 
 
@@ -207,7 +222,7 @@ def write_odometry(path: Path, run: Run) -> Path:
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         added = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in types.items()}
         for k, at_s in enumerate(track.time_s.tolist()):
-            stamp_ns = round((at_s + 100.0) * 1e9)
+            stamp_ns = round((at_s + _BEGUN_S) * 1e9)
             stamp = make["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
             header = make["std_msgs/msg/Header"](stamp, "odom")
             x, y, z, qw, qx, qy, qz = (float(each.values[k]) for each in run.base)

@@ -24,7 +24,7 @@ from jammkle_gap.mujoco.runs import (
     run_of_arrays,
     run_of_csv,
 )
-from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.simulator import RobotSimulator, scale_of
 from jammkle_gap.mujoco.windows import recordings_of, repeats_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def recorded() -> robot_arm.Samples:
     return robot_arm.samples(1)
 
 
-@pytest.mark.parametrize("form", ["trajectory", "array", "states"])
+@pytest.mark.parametrize("form", ["trajectory", "now", "array", "states"])
 def test_bags_hold_the_same_however_they_are_commanded(tmp_path: Path, recorded: robot_arm.Samples, form: str) -> None:
     """Trajectories, bare numbers and joint states command the same motion, and bags are as arrays."""
     model = robot_arm.write_model(tmp_path)
@@ -51,6 +51,18 @@ def test_bags_hold_the_same_however_they_are_commanded(tmp_path: Path, recorded:
         asked = run.commands[joint, Quantity.POSITION].at(recorded["time_s"] + 1e-4)
         assert np.allclose(asked[1:], recorded[f"command.{joint}.position"][1:], atol=1e-3)
         assert np.allclose(run.measured[joint, Quantity.EFFORT].values, recorded[f"{joint}.effort"])
+
+
+def test_joint_states_of_several_topics_are_asked_for(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Where two topics hold the same joints, the map says which; what it names is there."""
+    model = robot_arm.write_model(tmp_path)
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, second="/arm/joint_states")
+    with pytest.raises(BadRecordingError, match=r"joint yaw twice, on /arm/joint_states, /joint_states; name one"):
+        matched(model, [bag])
+    with pytest.raises(BadRecordingError, match="joint states on /arm/joint_states, /joint_states; name one"):
+        matched(model, [bag], {"states": "/leg/joint_states"})
+    (run,), _ = matched(model, [bag], {"states": "arm/joint_states"})
+    assert np.allclose(run.measured["elbow", Quantity.EFFORT].values, recorded["elbow.effort"])
 
 
 def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None:
@@ -105,6 +117,8 @@ def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Sam
     assert "gains: {yaw: {kp: ..., kd: ...}}" in refusal(tmp_path, run, actuators=robot_arm.MOTORS)
     still = {key: np.round(values, 0) * 0.0 if key != "time_s" else values for key, values in recorded.items()}
     assert "nothing moves" in refusal(tmp_path, robot_arm.run("one", still))
+    still = {key: 1e-4 * np.sin(values) if key != "time_s" else values for key, values in recorded.items()}
+    assert "nothing moves" in refusal(tmp_path, robot_arm.run("one", still))
     run = robot_arm.run("one", recorded, without=("effort", "commands"))
     assert "neither commands" in refusal(tmp_path, run)
     assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})
@@ -123,14 +137,33 @@ def test_controller_is_estimated_from_efforts(tmp_path: Path, recorded: robot_ar
     assert float(robot.model.actuator("shoulder").gainprm[0]) == 50.0
 
 
-def test_gripper_that_nobody_commands_is_held(tmp_path: Path, recorded: robot_arm.Samples) -> None:
-    """A joint without commands stays where it was measured, and the notes say so."""
+def test_gripper_that_nobody_commands_moves_as_measured(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A joint without commands is where it was measured, the others feel it, and the notes say so."""
     some = {key: values for key, values in recorded.items() if key != "command.elbow.position"}
     runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", some)])
-    assert robot.locked == ("elbow",)
-    assert any("joint elbow" in note for note in robot.notes)
-    compared, _ = recordings_of(robot, runs, 2.0, 20.0)
+    assert robot.carried == ("elbow",)
+    assert robot.joints == ("yaw", "shoulder")
+    assert any(note.startswith("moved as measured") and "elbow" in note for note in robot.notes)
+    compared = cut(runs, robot)
     assert all(not signal.name.startswith("elbow") for signal in compared[0].signals)
+    assert worst_left(robot, compared) < 1.5
+    given = {"joints": {"elbow": "locked"}}
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", some)], given)
+    assert worst_left(robot, cut(runs, robot)) > 10.0
+    given = {"joints": {"elbow": "measured"}}
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded)], given)
+    assert robot.carried == ("elbow",)
+    assert worst_left(robot, cut(runs, robot)) < 1.5
+
+
+def worst_left(robot: Robot, recordings: list[Recording]) -> float:
+    """Return the largest root mean square of measured less nominal over the signals, in noise."""
+    made = [RobotSimulator(robot, {})(each, {}) for each in recordings]
+    return max(
+        float(np.sqrt(np.mean(np.square((signal.values - own[signal.name]) / scale_of(signal)))))
+        for each, own in zip(recordings, made, strict=True)
+        for signal in each.signals
+    )
 
 
 def test_stamps_of_two_clocks_are_set_together_and_said(tmp_path: Path, recorded: robot_arm.Samples) -> None:

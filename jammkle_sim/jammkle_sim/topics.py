@@ -449,11 +449,13 @@ class MachineOutputs:
         if self._joint_states is not None and _is_subscribed(self._joint_states):
             positions = {name: ankle.joint_positions() for name, ankle in simulation.ankles.items()}
             velocities = {name: ankle.joint_velocities() for name, ankle in simulation.ankles.items()}
+            efforts = {name: ankle.joint_efforts() or {} for name, ankle in simulation.ankles.items()}
             self._joint_states.publish(
                 self._messages.joint_states(
                     tick.time_ns,
                     {joint.unique: positions[joint.ankle][joint.name] for joint in self._joints},
                     {joint.unique: velocities[joint.ankle][joint.name] for joint in self._joints},
+                    {joint.unique: efforts[joint.ankle].get(joint.name, 0.0) for joint in self._joints},
                 )
             )
 

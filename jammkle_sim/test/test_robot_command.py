@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from jammkle_common.command.main import main
 from jammkle_common.names import GAIT_PHASE, IMU, PLANNED_CONTACT, QUADRUPED_ANKLES, TRUE_CONTACT
+from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,6 +44,15 @@ def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
     assert truths[-1].stands
     found = json.loads((tmp_path / "slip.json").read_text())
     assert found["ankles"]["ankle"]["results"]["sliding_distance_m"] == truths[-1].sliding_distance_m
+
+
+def test_the_model_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """MuJoCo loads it, with the joints of joint_states; two descriptions at a time are refused."""
+    assert main(["robot", "leg", "--behaviour", "hang", "--mjcf"]) == 0
+    model = mujoco.MjModel.from_xml_string(capsys.readouterr().out)
+    assert {"hip", "knee", "ankle_pitch"} <= {model.joint(index).name for index in range(model.njnt)}
+    assert main(["robot", "leg", "--mjcf", "--urdf"]) == 2
+    assert "one at a time" in capsys.readouterr().err
 
 
 def test_a_quadruped_has_a_namespace_for_each_ankle(tmp_path: Path) -> None:

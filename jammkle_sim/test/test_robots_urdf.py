@@ -14,7 +14,7 @@ from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import ankle_alone, robot
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
 from jammkle_sim.robots.robot import Robot, attach_ankle, robot_of
-from jammkle_sim.robots.urdf import BETWEEN_SHARE, UrdfNames, robot_urdf
+from jammkle_sim.robots.urdf import BETWEEN_SHARE, UrdfNames, robot_mjcf, robot_urdf
 
 FOOT_INERTIA_KG_M2 = 1.3e-4
 """Largest of the foot about its joint."""
@@ -51,6 +51,15 @@ def loaded(text: str) -> object:
     spec = mujoco.MjSpec.from_string(text)
     spec.compiler.fusestatic = False
     return spec.compile()
+
+
+def test_mjcf_is_the_model(made: Robot) -> None:
+    """Masses, drives and start of what is simulated, and joints called as in joint_states."""
+    names, model, found = UrdfNames(made), made.model, mujoco.MjModel.from_xml_string(robot_mjcf(made))
+    for field in ("body_mass", "body_inertia", "dof_armature", "actuator_gainprm", "actuator_biasprm", "qpos0"):
+        assert getattr(found, field) == pytest.approx(getattr(model, field), rel=1e-5, abs=1e-6), field
+    for index in range(model.njnt):
+        assert found.joint(index).name == names.joint(model.joint(index).name)
 
 
 def moments(model: object, data: object, bodies: list[int]) -> tuple[float, np.ndarray, np.ndarray]:

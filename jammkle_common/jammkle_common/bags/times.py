@@ -5,7 +5,7 @@ data in every quarter of a second of log. Its stamps and /clock know that.
 
 Stamps are believed as far as they go with the rest. Those that are zero or stand still count as none, and a topic whose
 stamps are of another clock is shifted onto that of the rest; both are said. So is a single stamp, or a log time, that
-lies apart.
+lies apart. A trajectory without a stamp begins when it comes, and nothing is said.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from jammkle_common.bags.reading import BagReader, Connection
 
 _BEGINS_WITH_TIME = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+_WITHOUT_STAMP_NOW = "trajectory_msgs/msg/JointTrajectory"
+"""Type of messages whose stamp is when they shall begin; zero: when they come, whatever else is near zero."""
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _AT = 4  # after the four bytes that say how the message is serialised (CDR)
 _SECONDS = 2**31  # that a stamp holds
@@ -298,6 +300,9 @@ class BagTimes:
             stamps, stamp_ns = self._stamps[connection.id], _stamp_ns(data)
             if self._tick_ns == stamp_ns == self._start_tick_ns:
                 continue  # the clock itself stands, as before a simulation's first step
+            if _is_now(connection, stamp_ns):
+                missing.discard(connection.id)
+                continue
             if len(stamps.stamps_ns) < _FIRST and not self._part(log_ns).shift_ns:
                 stamps.stamps_ns.append(stamp_ns)
                 stamps.known_ns.append(log_ns if self._tick_ns is None else self._tick_ns)
@@ -336,7 +341,7 @@ class BagTimes:
             self._tick_ns = _stamp_ns(data)
             return self._tick_ns
         known_ns = log_ns - self._ahead_ns if self._tick_ns is None else self._tick_ns
-        if stamps is None or stamps.why_none:
+        if stamps is None or stamps.why_none or _is_now(connection, _stamp_ns(data)):
             return known_ns
         time_ns = _stamp_ns(data) + stamps.shift_ns
         if abs(time_ns - known_ns) > limit_ns:
@@ -358,6 +363,10 @@ class BagTimes:
 
 def _is_clock(connection: Connection) -> bool:
     return connection.topic == CLOCK.name and connection.msgtype == CLOCK.message_type
+
+
+def _is_now(connection: Connection, stamp_ns: int) -> bool:
+    return stamp_ns == 0 and connection.msgtype == _WITHOUT_STAMP_NOW
 
 
 def _first_tick_ns(reader: BagReader) -> int | None:

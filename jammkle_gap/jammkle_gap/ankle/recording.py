@@ -94,6 +94,12 @@ _EXPECTED = (
 """Topics of a rig with all its sensors; instrumented tendons are an extra."""
 
 
+_OF_A_LIMB = (
+    "; they are diagnosed from the same bag, where they were commanded, by `jammkle gap diagnose --model leg.xml BAG`, "
+    "and `jammkle robot leg --behaviour hang --mjcf > leg.xml` is their model"
+)
+
+
 def load_recordings(
     path: Path, rig: str | None = None, *, options: Mapping[str, Any] | None = None, namespace: str | None = None
 ) -> tuple[Recording, ...]:
@@ -257,7 +263,8 @@ def _recording(
         signals = {name: each for name, each in signals.items() if quantity_of(name) not in (ACCELERATION, RATE)}
     strange = strange_joints(topics)
     if strange:
-        said.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}")
+        how = _OF_A_LIMB if {*names.LEG_JOINTS} & {*strange} else ""
+        said.append(f"joints that are not an ankle's, and left out: {', '.join(strange)}{how}")
     missing = [topic for topic in _EXPECTED if topic not in topics or not topics[topic].columns]
     if missing:
         said.append(f"not recorded: {', '.join(missing)}")

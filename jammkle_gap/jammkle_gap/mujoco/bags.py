@@ -44,14 +44,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
 
     """
     with opened(path) as reader:
-        states = [each for each in reader.connections if each.msgtype == _STATE and each.topic.endswith(_STATES_END)]
-        if not states:
-            types = ", ".join(sorted({each.msgtype for each in reader.connections})) or "nothing"
-            msg = f"bag {path} holds no {_STATES_END} ({_STATE}), but {types}; record that topic"
-            raise BadRecordingError(msg)
+        states = _States(reader, path, given)
         commanding = _commanding(reader, path, given)
         times = BagTimes(reader)
-        samples: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
         sensed = _Sensed(given)
@@ -61,7 +56,7 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
             msg += "; leave all but one topic out of the bag"
             raise BadRecordingError(msg)
         poses: list[tuple[float, ...]] = []
-        kept = [*states, *commanding, *sensing, *moving]
+        kept = [*states.connections, *commanding, *sensing, *moving]
         begin_ns: int | None = None
         for connection, time_ns, _, data in times.messages(kept):
             begin_ns = time_ns if begin_ns is None else begin_ns
@@ -77,16 +72,61 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                 at, turn = message.pose.pose.position, message.pose.pose.orientation
                 poses.append((time_s, at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
                 continue
-            for quantity, row in _rows(message):
-                for joint, value in zip(message.name, row, strict=False):
-                    if np.isfinite(value):
-                        kept_times, values = samples.setdefault((joint, quantity), ([], []))
-                        kept_times.append(time_s)
-                        values.append(float(value))
+            states.take(connection, time_s, message)
         notes = [*commands.notes, *times.doubts.values()]
-    measured = {key: _in_order(path, key, *lists) for key, lists in samples.items()}
+    measured = states.tracks()
     base = tuple(_rising(poses))
     return checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks(), base))
+
+
+class _States:
+    """Joint states by joint and quantity."""
+
+    def __init__(self, reader: BagReader, path: Path, given: RobotMap) -> None:
+        """Find their topics.
+
+        Raises:
+            BadRecordingError: there are none, or not the one that the map names.
+
+        """
+        self._path = path
+        found = [each for each in reader.connections if each.msgtype == _STATE and each.topic.endswith(_STATES_END)]
+        if not found:
+            types = ", ".join(sorted({each.msgtype for each in reader.connections})) or "nothing"
+            msg = f"bag {path} holds no {_STATES_END} ({_STATE}), but {types}; record that topic"
+            raise BadRecordingError(msg)
+        self._topics = ", ".join(sorted({each.topic for each in found}))
+        if given.states is not None:
+            found = [each for each in found if each.topic == f"/{given.states.strip('/')}"]
+            if not found:
+                raise BadRecordingError(self._which("joint states"))
+        self.connections = found
+        self._found_on: dict[str, str] = {}
+        self._samples: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
+
+    def _which(self, what: str) -> str:
+        return f"bag {self._path} holds {what} on {self._topics}; name one of these in the map (states: /joint_states)"
+
+    def take(self, connection: Connection, time_s: float, message: Any) -> None:
+        """Take a message.
+
+        Raises:
+            BadRecordingError: another topic has the same joint.
+
+        """
+        for joint in message.name:
+            if self._found_on.setdefault(joint, connection.topic) != connection.topic:
+                raise BadRecordingError(self._which(f"joint {joint} twice,"))
+        for quantity, row in _rows(message):
+            for joint, value in zip(message.name, row, strict=False):
+                if np.isfinite(value):
+                    times, values = self._samples.setdefault((joint, quantity), ([], []))
+                    times.append(time_s)
+                    values.append(float(value))
+
+    def tracks(self) -> Tracks:
+        """Return all readings."""
+        return {key: _in_order(self._path, key, *lists) for key, lists in self._samples.items()}
 
 
 def _rising(rows: Sequence[tuple[float, ...]]) -> list[Track]:

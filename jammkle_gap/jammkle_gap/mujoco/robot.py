@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.mujoco.base import carry_base
+from jammkle_gap.mujoco.carried import BASE_JOINTS, carry_base, carry_joint
 from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
@@ -60,7 +60,7 @@ class Robot:
     file: Path
     model: mujoco.MjModel
     joints: tuple[str, ...]
-    """Whose position was measured, in the model's order."""
+    """Whose position is compared, in the model's order."""
     drives: tuple[Drive, ...]
     """Empty for a robot whose efforts alone are known: it is diagnosed by inverse dynamics."""
     efforts: tuple[str, ...]
@@ -72,6 +72,8 @@ class Robot:
     notes: tuple[str, ...]
     senses: tuple[tuple[str, Sense], ...] = ()
     """Sensors at sites that are compared."""
+    carried: tuple[str, ...] = ()
+    """Joints that move as they were measured; those of a measured base come last."""
 
     def is_turning(self, joint: str) -> bool:
         """Return whether a joint is a hinge, in rad and N m, and no slide, in m and N."""
@@ -95,10 +97,11 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
 
     """
     spec, model = load(file)
+    held = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT and not each.name2}
     scalar = [
         model.joint(k).name
         for k in range(model.njnt)
-        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name
+        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name and model.joint(k).name not in held
     ]
     notes: list[str] = []
     measured, locked = _matched_joints(file, scalar, runs, given, notes)
@@ -106,14 +109,15 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     commanded = _commanded(runs, measured)
     drives: tuple[Drive, ...] = ()
     estimated: tuple[str, ...] = ()
+    carried = [joint for joint in measured if joint in given.carried]
+    commanded = {joint: each for joint, each in commanded.items() if joint not in carried}
+    others = [joint for joint in measured if joint not in {*commanded, *carried}]
+    carried += _left_to_others(spec, model, others, notes, by_commands=bool(commanded))
     if commanded:
-        for joint in measured:
-            if joint not in commanded and _actuators(spec, joint):
-                locked.append(joint)
-                notes.append(f"joint {joint} has an actuator that nobody commands: it is held where it was measured")
         drives, estimated = _made_drives(spec, commanded, runs, given, notes)
     known = {joint for run in runs for joint, quantity in run.measured if quantity is Quantity.EFFORT}
-    efforts = [joint for joint in measured if joint in known and joint not in locked]
+    measured = [joint for joint in measured if joint not in carried]
+    efforts = [joint for joint in measured if joint in known]
     if not drives:
         asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
         efforts = [joint for joint in measured if joint in known | asked]
@@ -121,8 +125,15 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
             msg += "; record the topic of the commands, or joint_states with efforts"
             raise BadRobotError(msg)
+        notes.append(
+            f"no commands were recorded: efforts of {', '.join(efforts)} are compared with those of the motion"
+        )
     _put_base(spec, runs, given, notes, forward=bool(drives))
-    _lock(spec, locked)
+    _switch_off(spec, (*locked, *carried))
+    for joint in locked:
+        spec.joint(joint).armature = _LOCKING
+    for joint in carried:
+        carry_joint(spec, joint)
     _note_unknown(spec, notes)
     for body in spec.bodies:
         body.gravcomp = body.gravcomp or _WEIGHTLESS
@@ -140,7 +151,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     return Robot(
         file,
         _compiled(spec, file),
-        tuple(each for each in measured if each not in locked),
+        tuple(measured),
         drives,
         tuple(efforts),
         tuple(locked),
@@ -148,6 +159,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
         given,
         tuple(notes),
         senses,
+        (*carried, *(BASE_JOINTS if given.base is Base.MEASURED else ())),
     )
 
 
@@ -171,6 +183,8 @@ def _matched_senses(
             msg = f"the map puts sensor {name} at site {asked.site}, which the model has not"
             msg += f"; it has: {', '.join(sites) or 'none'}"
             raise BadRobotError(msg)
+    if not given.senses:
+        return ()
     everywhere = [key for key in runs[0].sensed if all(key in run.sensed for run in runs)]
     strange = sorted({site for run in runs for site, _ in run.sensed if site not in sites})
     if strange:
@@ -216,7 +230,8 @@ def _matched_joints(
         BadRobotError: a name of the map or of a recording has no joint that it could mean.
 
     """
-    wrong = [name for name in (*given.locked, *given.gains, *given.torque_constants) if name not in scalar]
+    known = (*given.locked, *given.carried, *given.gains, *given.torque_constants)
+    wrong = [name for name in known if name not in scalar]
     if wrong:
         msg = f"the map names joint {wrong[0]}, which model {file.name} has not; it has: {', '.join(scalar)}"
         raise BadRobotError(msg)
@@ -407,9 +422,43 @@ def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: 
                 spec.delete(key)  # its positions are of other joints now
 
 
-def _lock(spec: mujoco.MjSpec, joints: Iterable[str]) -> None:
+def _left_to_others(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, others: Sequence[str], notes: list[str], *, by_commands: bool
+) -> list[str]:
+    """Return the joints that an actuator moves, nobody knows how: their own, or that of a tendon which spans them.
+
+    A tendon spans all joints that lie between its places.
+    """
+    found: set[int] = set()
+    for actuator in range(model.nu):
+        if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+            continue
+        tendon = int(model.actuator_trnid[actuator, 0])
+        own = slice(int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon]))
+        parts = list(zip(model.wrap_type[own].tolist(), model.wrap_objid[own].tolist(), strict=True))
+        found |= {part for kind, part in parts if kind == int(mujoco.mjtWrap.mjWRAP_JOINT)}
+        places = [int(model.site_bodyid[part]) for kind, part in parts if kind == int(mujoco.mjtWrap.mjWRAP_SITE)]
+        lines = [_line(model, body) for body in places]
+        bodies = {body for line in lines for body in line if any(body not in other for other in lines)}
+        found |= {joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in bodies}
+    spanned = {model.joint(joint).name for joint in found}
+    left = [joint for joint in others if joint in spanned or (by_commands and _actuators(spec, joint))]
+    if left:
+        notes.append(f"moved as measured, as nobody commands the actuators that act on them: {', '.join(left)}")
+    return left
+
+
+def _line(model: mujoco.MjModel, body: int) -> set[int]:
+    """Return a body and all that it hangs on."""
+    found = {body}
+    while body:
+        body = int(model.body_parentid[body])
+        found.add(body)
+    return found
+
+
+def _switch_off(spec: mujoco.MjSpec, joints: Iterable[str]) -> None:
     for name in joints:
-        spec.joint(name).armature = _LOCKING
         for actuator in _actuators(spec, name):
             actuator.gainprm, actuator.biasprm = np.zeros_like(actuator.gainprm), np.zeros_like(actuator.biasprm)
 

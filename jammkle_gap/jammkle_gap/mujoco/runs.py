@@ -4,15 +4,17 @@ Names, signs, offsets and units follow a map where recording and model do not ag
 
     joints:
       shoulder_pan_joint: {model: joint1, sign: -1, offset: 0.1}   # model's = sign * recorded + offset
-      gripper: locked                                              # or: elbow_joint: joint3
+      gripper: locked                                              # or: measured; or: elbow_joint: joint3
     units: degrees
+    states: /joint_states                  # topic, where several hold the same joints
     commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position}
     gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
     torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
     base: held                             # or free, or measured: as odometry says
     noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
     tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
-    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site of the model
+    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site
+                                           # of the model; sensors: none leaves all of them out
 """
 
 from __future__ import annotations
@@ -173,8 +175,12 @@ class RobotMap:
     """By recorded name; those not in it have the model's names."""
     locked: tuple[str, ...] = ()
     """Joints of the model that are held."""
+    carried: tuple[str, ...] = ()
+    """Joints of the model that move as they were measured, whatever acts on them."""
     degrees: bool | None = None
     """Whether angles are in degrees; None: radians, and doubted where the model's limits say so."""
+    states: str | None = None
+    """Topic of the joint states; None: all that there are."""
     topic: str | None = None
     """Of the commands; None: the only one that there is."""
     order: tuple[str, ...] = ()
@@ -192,11 +198,13 @@ class RobotMap:
     """Standard deviation of what the model says of every body, joint or drive, as a share of it, by `TOLERATED`."""
     sensors: Mapping[str, SensorMap] = field(default_factory=dict)
     """By topic or frame; those not in it have the name of a site as their frame."""
+    senses: bool = True
+    """Whether sensors at sites are compared at all."""
 
 
-_KEYS = ("joints", "units", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
+_KEYS = ("joints", "units", "states", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
-_LOCKED = "locked"
+_LOCKED, _MEASURED, _NO_SENSORS = "locked", "measured", "none"
 
 
 def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
@@ -219,10 +227,13 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
 
 def _map_of(table: dict[str, Any], where: str) -> RobotMap:
     _check_keys(table, _KEYS, where)
-    joints, locked = {}, []
+    joints: dict[str, JointMap] = {}
+    locked, carried = [], []
     for name, said in dict(table.get("joints") or {}).items():
         if said == _LOCKED:
             locked.append(str(name))
+        elif said == _MEASURED:
+            carried.append(str(name))
         elif isinstance(said, str):
             joints[str(name)] = JointMap(said)
         else:
@@ -248,10 +259,13 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         if not 0.0 < value < 1.0:
             msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
             raise BadRobotError(msg)
+    senses = table.get("sensors") != _NO_SENSORS
     return RobotMap(
         joints,
         tuple(locked),
+        tuple(carried),
         None if units is None else units == "degrees",
+        table.get("states"),
         commands.get("topic"),
         tuple(map(str, commands.get("order") or ())),
         Quantity(commands.get("quantity", "position")),
@@ -261,11 +275,13 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         {Quantity(name): float(value) for name, value in dict(table.get("noise") or {}).items()},
         tolerances,
         {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
+        senses,
     )
 
 
 def _table(table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    return dict(table.get(key) or {})
+    said = table.get(key)
+    return {} if said == _NO_SENSORS else dict(said or {})
 
 
 def _sensor_of(said: Any, where: str) -> SensorMap:

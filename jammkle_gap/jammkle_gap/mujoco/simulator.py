@@ -14,7 +14,7 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no t
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_gap.mujoco.base import BASE_JOINTS, carrying
+from jammkle_gap.mujoco.carried import carrying, drive_of
 from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
 from jammkle_gap.mujoco.runs import AXES, Base, Quantity
 from jammkle_sim.physics.engine import mujoco
@@ -57,8 +57,8 @@ class Motion:
     """When each window that is compared begins, s."""
     window_s: float
     """How long it is, s."""
-    base: Array | None = None
-    """Position, velocity and acceleration of the joints that carry a measured base, on the grid, shape (3, n, 6)."""
+    carried: Array | None = None
+    """Position, velocity and acceleration of the joints that move as measured, on the grid, shape (3, n, carried)."""
     wandering: tuple[str, ...] = ()
     """Joints that no drive holds at a position, so that errors of their start last."""
     start_shift: Array | None = None
@@ -413,10 +413,10 @@ def _controls(machine: Machine, motion: Motion, asked: Array, begins: Array, cou
         area = np.concatenate(([0.0], np.cumsum(0.5 * motion.step_s * (own[1:] + own[:-1]))))
         taken = np.interp(at + step_s, grid, area) - np.interp(at, grid, area)
         controls[:, :, int(model.actuator(drive.actuator).id)] = taken / step_s
-    if motion.base is not None:
+    if motion.carried is not None:
         at = begins[:, np.newaxis] + step_s * np.arange(count)
-        for name, own in zip(BASE_JOINTS, carrying(motion.base).T, strict=True):
-            controls[:, :, int(model.actuator(name).id)] = np.interp(at, grid, own)
+        for name, own in zip(machine.robot.carried, carrying(motion.carried).T, strict=True):
+            controls[:, :, int(model.actuator(drive_of(name)).id)] = np.interp(at, grid, own)
     return controls
 
 
@@ -435,11 +435,11 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
         states[:, 1 + int(joint.qposadr[0])] = (position - offset) / scale
         velocity = np.interp(read_s, grid, motion.velocity[:, column])
         states[:, 1 + model.nq + int(joint.dofadr[0])] = velocity / scale
-    if motion.base is not None:
-        for column, name in enumerate(BASE_JOINTS):
+    if motion.carried is not None:
+        for column, name in enumerate(machine.robot.carried):
             joint = model.joint(name)
-            states[:, 1 + int(joint.qposadr[0])] = np.interp(read_s, grid, motion.base[0, :, column])
-            states[:, 1 + model.nq + int(joint.dofadr[0])] = np.interp(read_s, grid, motion.base[1, :, column])
+            states[:, 1 + int(joint.qposadr[0])] = np.interp(read_s, grid, motion.carried[0, :, column])
+            states[:, 1 + model.nq + int(joint.dofadr[0])] = np.interp(read_s, grid, motion.carried[1, :, column])
     if motion.start_shift is not None:
         for column, name in enumerate(motion.wandering):
             joint = model.joint(name)
@@ -517,14 +517,14 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     angle, rate, acceleration = (each / scales for each in tables)
     torque = np.empty_like(angle)
     carried = np.empty_like(angle)
-    held = [] if motion.base is None else [model.joint(name) for name in BASE_JOINTS]
+    held = [model.joint(name) for name in robot.carried]
     carried_at, carried_by = [int(each.qposadr[0]) for each in held], [int(each.dofadr[0]) for each in held]
     addresses = _addresses(machine)
     sensed = np.empty((len(angle), len(addresses)))
     for k in range(len(angle)):
         data.qpos[positions], data.qvel[dofs], data.qacc[dofs] = angle[k], rate[k], acceleration[k]
-        if motion.base is not None:
-            data.qpos[carried_at], data.qvel[carried_by], data.qacc[carried_by] = motion.base[:, k]
+        if motion.carried is not None:
+            data.qpos[carried_at], data.qvel[carried_by], data.qacc[carried_by] = motion.carried[:, k]
         mujoco.mj_inverse(model, data)
         torque[k] = data.qfrc_inverse[dofs]
         carried[k] = np.abs(data.qfrc_bias[dofs])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
-from jammkle_gap.mujoco.base import coordinates_of
+from jammkle_gap.mujoco.carried import BASE_JOINTS, coordinates_of
 from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense
 from jammkle_gap.mujoco.simulator import FORWARD_FROM_S, LEAD_S, Machine, Motion, deviation_of, run_forward, scale_of
 from jammkle_sim.physics.engine import mujoco
@@ -35,6 +35,10 @@ _SMOOTHED_S = 0.08
 _FEWEST_SMOOTHED = 7
 _MOVED_STEPS = 5.0
 """Twice the standard deviation of a reading, so often, a joint must travel to have moved. Chosen: five steps."""
+
+
+_STILL = 1e-3
+"""Travel, rad or m, up to which a joint stands, however finely it is read. Chosen: a step of an encoder of 12 bits."""
 
 
 def recordings_of(
@@ -117,9 +121,10 @@ def _apart(robot: Robot, first: Motion, second: Motion) -> float:
 def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     """Return the motion of a run, and when it begins on the run's clock, s."""
     tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
-    carried = run.base if robot.given.base is Base.MEASURED else ()
-    begin_s = max(float(each.time_s[0]) for each in (*tracks, *carried))
-    end_s = min(float(each.time_s[-1]) for each in (*tracks, *carried))
+    posed = run.base if robot.given.base is Base.MEASURED else ()
+    led = [run.measured[name, Quantity.POSITION] for name in robot.carried if name not in BASE_JOINTS]
+    begin_s = max(float(each.time_s[0]) for each in (*tracks, *led, *posed))
+    end_s = min(float(each.time_s[-1]) for each in (*tracks, *led, *posed))
     asked = [run.commands[drive.joint, drive.quantity] for drive in robot.drives]
     begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
     step_s = float(np.median(np.diff(tracks[0].time_s)))
@@ -141,20 +146,21 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
         orders = [savgol_filter(table, wide, 3, deriv=k, delta=step_s, axis=0, mode="interp") for k in range(3)]
         return [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in orders]
 
-    poses = np.column_stack([each.at(times) for each in carried]) if carried else None
+    poses = np.column_stack([each.at(times) for each in posed]) if posed else None
     if poses is not None and (np.linalg.norm(poses[:, 3:], axis=1) < _LEAST_NORM).any():
         msg = (
             f"the orientation of the base in recording {run.name} is no quaternion; its norm is 0 where it should be 1"
         )
         raise BadRecordingError(msg)
-    base = None if poses is None else np.array(smoothed(coordinates_of(poses)))
+    columns = [each.at(times)[:, np.newaxis] for each in led] + ([] if poses is None else [coordinates_of(poses)])
+    carried = np.array(smoothed(np.hstack(columns))) if columns else None
     set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
     leading = np.zeros_like(set_points)
     for column, drive in enumerate(robot.drives):
         if drive.leading:
             leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
     position, velocity, acceleration = smoothed(readings)
-    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s, base)
+    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s, carried)
     return motion, begin_s
 
 
@@ -166,7 +172,7 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
     travels = np.ptp(readings, axis=0)
     for column, name in enumerate(robot.joints):
         track = run.measured[name, Quantity.POSITION]
-        if travels[column] > _MOVED_STEPS * 2.0 * deviation_of(track.values):
+        if travels[column] > max(_MOVED_STEPS * 2.0 * deviation_of(track.values), _STILL):
             return
     msg = f"nothing moves in recording {run.name}: no joint travels more than {travels.max():.2g}"
     msg += "; record a motion of every joint"

@@ -35,7 +35,7 @@ def rig(
 
 _ROBOT: dict[str, Option] = {
     "robot": (
-        Annotated[str, typer.Argument(help=f"{' or '.join(ROBOTS)}; with --urdf also {ANKLE}.", metavar="ROBOT")],
+        Annotated[str, typer.Argument(help=f"{' or '.join(ROBOTS)}; --urdf, --mjcf: {ANKLE} too.", metavar="ROBOT")],
         REQUIRED,
     ),
     "output": (
@@ -44,6 +44,10 @@ _ROBOT: dict[str, Option] = {
     ),
     "urdf": (
         Annotated[bool, typer.Option("--urdf", help="Print the robot's URDF, made from its model, and run nothing.")],
+        False,
+    ),
+    "mjcf": (
+        Annotated[bool, typer.Option("--mjcf", help="Print the robot's model as MuJoCo loads it, and run nothing.")],
         False,
     ),
     "duration_s": (Annotated[float, typer.Option(help="Simulated time, 0.1 to 3600 s.")], 5.0),
@@ -61,10 +65,10 @@ _ROBOT: dict[str, Option] = {
 
 
 def _robot(given: dict[str, Any], options: RobotOptions) -> int:
+    from jammkle_sim.commands.robot import describe
     from jammkle_sim.commands.robot import robot as run
-    from jammkle_sim.commands.robot import urdf as write
 
-    return write(given["robot"], given["namespace"], options) if given["urdf"] else run(given, options)
+    return describe(given, options) if given["urdf"] or given["mjcf"] else run(given, options)
 
 
 app.command(

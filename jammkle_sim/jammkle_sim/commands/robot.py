@@ -23,7 +23,7 @@ from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
-from jammkle_sim.robots.urdf import robot_urdf
+from jammkle_sim.robots.urdf import robot_mjcf, robot_urdf
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ def robot(given: dict[str, Any], options: RobotOptions) -> int:
     """
     _check(given)
     if given["output"] is None:
-        msg = "Missing option '--output' / '-o': the folder of the new bag (or --urdf for the description alone)"
+        msg = "Missing option '--output' / '-o': the folder of the new bag (or --urdf, --mjcf: the description alone)"
         raise InputError(msg)
     name, bag, namespace = given["robot"], given["output"], normalised(given["namespace"])
     results.check_writable(given["json"])
@@ -125,18 +125,21 @@ def _show(name: str, runs: dict[str, RigRun]) -> None:
             console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")
 
 
-def urdf(robot: str, namespace: str, options: RobotOptions) -> int:
-    """Print the URDF.
+def describe(given: dict[str, Any], options: RobotOptions) -> int:
+    """Print the URDF or the MJCF of a robot or of an ankle by itself.
 
     Args:
-        robot: An ankle by itself, or one of our robots.
-        namespace: ROS namespace that the frames begin with.
+        given: What was asked for, beside the robot's own options, by name.
         options: Of the robot; an ankle has none, and may be given the defaults alone.
 
     Raises:
-        InputError: there is no such robot.
+        InputError: there is no such robot, or both descriptions are asked for.
 
     """
+    robot = given["robot"]
+    if given["urdf"] and given["mjcf"]:
+        msg = "--urdf and --mjcf are one description each; ask for one at a time"
+        raise InputError(msg)
     if robot not in {ANKLE, *ROBOTS}:
         msg = f"ROBOT '{robot}' does not exist; it must be {', '.join((ANKLE, *ROBOTS))}"
         raise InputError(msg)
@@ -144,5 +147,6 @@ def urdf(robot: str, namespace: str, options: RobotOptions) -> int:
         msg = f"{changed_text(options)} needs ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
         raise InputError(msg)
     built = ankle_alone() if robot == ANKLE else robot_of_ours(robot, options)
-    sys.stdout.write(robot_urdf(built, normalised(namespace)))
+    namespace = normalised(given["namespace"])
+    sys.stdout.write(robot_mjcf(built) if given["mjcf"] else robot_urdf(built, namespace))
     return 0

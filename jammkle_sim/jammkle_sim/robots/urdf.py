@@ -1,6 +1,6 @@
-"""URDF of a robot from its MuJoCo model: links with the model's inertias, joints, frames of sensors, ros2_control.
+"""Descriptions of a robot: its MJCF, and a URDF made from that with frames of sensors and ros2_control.
 
-Format: http://wiki.ros.org/urdf/XML. Where the two differ:
+Joints are called as in `joint_states`. Format of URDF: http://wiki.ros.org/urdf/XML. Where the two differ:
 
 - A body may have several hinges, a link hangs on one joint. Between two hinges of a body comes a link that takes a
   thousandth of the body's mass and inertia, in the same place, so that they still add up to the body's.
@@ -76,6 +76,25 @@ def robot_urdf(robot: Robot, namespace: str = "/") -> str:
     tree.extend(control_tags(robot, names, namespace))
     ET.indent(tree)
     return f'<?xml version="1.0"?>\n{ET.tostring(tree, encoding="unicode")}\n'
+
+
+def robot_mjcf(robot: Robot) -> str:
+    """Return the MJCF of a robot as text: what is simulated, but for the forces of its tendons.
+
+    Those follow from pressure and history by a law of their own, and are controls here.
+
+    Args:
+        robot: The robot.
+
+    """
+    names, spec = UrdfNames(robot), robot.spec.copy()
+    for joint in spec.joints:
+        joint.name = names.joint(joint.name)
+    for lock in spec.equalities:
+        lock.name1 = names.joint(lock.name1)
+    spec.compile()
+    text: str = spec.to_xml()
+    return text
 
 
 class _Body:

@@ -1,7 +1,7 @@
-"""A floating base that moves as odometry measured it, whatever the robot does to it.
+"""Joints that move as they were measured, whatever the robot does to them; a floating base is six of them.
 
-In place of the free joint there are three slides and three hinges, so heavy that nothing but their drives moves them.
-The drives get the force that the measured acceleration takes, and pull back what strays.
+They are so heavy that nothing but their drives moves them. The drives get the force that the measured acceleration
+takes, and pull back what strays. In place of a base's free joint there are three slides and three hinges.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 _COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
 BASE_JOINTS = tuple(f"jammkle base {each}" for each in _COORDINATES)
-"""Joints, and actuators, that carry the base."""
+"""Joints that carry the base."""
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 0, 0))
 _HEAVY = 1e7
 """Armature of each, kg or kg m^2. Chosen: 1000 N move it by 0.2 mm in 2 s."""
+_DRIVE = "jammkle drive of {}"
 _PULL_HZ = 3.0
 """Of the drives, without overshoot. Chosen: well below the 100 Hz and more that models are stepped at."""
 
@@ -55,26 +56,38 @@ def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
     for key in list(spec.keys):
         spec.delete(key)  # its positions are of other joints now
     body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    rate = 2.0 * np.pi * _PULL_HZ
     for number, (name, axis) in enumerate(zip(BASE_JOINTS, _AXES, strict=True)):
         kind = mujoco.mjtJoint.mjJNT_SLIDE if number < len(_AXES) // 2 else mujoco.mjtJoint.mjJNT_HINGE
-        body.add_joint(name=name, type=kind, axis=axis, armature=_HEAVY)
-        drive = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-        drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-        gain, bias = np.zeros_like(drive.gainprm), np.zeros_like(drive.biasprm)
-        gain[0], bias[1], bias[2] = _HEAVY, -_HEAVY * rate**2, -2.0 * _HEAVY * rate
-        drive.gainprm, drive.biasprm = gain, bias
+        body.add_joint(name=name, type=kind, axis=axis)
+        carry_joint(spec, name)
 
 
-def carrying(base: Array) -> Array:
-    """Return the controls of the drives on the grid, shape (n, 6).
+def carry_joint(spec: mujoco.MjSpec, name: str) -> None:
+    """Make a joint heavy, and give it a drive of its own; one that it has must have been switched off."""
+    spec.joint(name).armature = _HEAVY
+    spec.joint(name).limited = mujoco.mjtLimited.mjLIMITED_FALSE  # an end stop would move what was measured
+    drive = spec.add_actuator(name=drive_of(name), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+    drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    rate = 2.0 * np.pi * _PULL_HZ
+    gain, bias = np.zeros_like(drive.gainprm), np.zeros_like(drive.biasprm)
+    gain[0], bias[1], bias[2] = _HEAVY, -_HEAVY * rate**2, -2.0 * _HEAVY * rate
+    drive.gainprm, drive.biasprm = gain, bias
+
+
+def drive_of(joint: str) -> str:
+    """Return the name of the actuator that carries a joint."""
+    return _DRIVE.format(joint)
+
+
+def carrying(motion: Array) -> Array:
+    """Return the controls of the drives on the grid, shape (n, joints).
 
     Args:
-        base: Position, velocity and acceleration of the joints, shape (3, n, 6).
+        motion: Position, velocity and acceleration of the joints, shape (3, n, joints).
 
     """
     rate = 2.0 * np.pi * _PULL_HZ
-    found: Array = base[2] + 2.0 * rate * base[1] + rate**2 * base[0]
+    found: Array = motion[2] + 2.0 * rate * motion[1] + rate**2 * motion[0]
     return found
 
 
