@@ -337,15 +337,13 @@ def effects_title(diagnosis: Diagnosis) -> str:
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     """Return what can be done with the file of the corrected simulator."""
+    use = "load it in place of the model" if file.endswith(".xml") else f"jammkle rig ... --effects {file} runs with it"
     if diagnosis.ledger and not (diagnosis.effects and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}):
-        return (
-            f"{file} holds the constants of the machine, and no effect; jammkle rig ... --effects {file} runs with it."
-        )
+        return f"{file} holds the constants of the machine, and no effect; {use}."
     if diagnosis.verdict is Verdict.NO_GAP:
         return f"{file} holds no effect: no gap was detected."
     if diagnosis.verdict is Verdict.UNKNOWN:
         return f"{file} holds no effect: what is kept beside none of them is not loaded."
-    use = "load it in place of the model" if file.endswith(".xml") else f"jammkle rig ... --effects {file} runs with it"
     if diagnosis.verdict is Verdict.AMBIGUOUS:
         return f"{file} holds the most probable of the set; {use}."
     return f"{file} holds it; {use}."
