@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import pytest
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 HOST_SILENT = frozenset({SafeCause.HOST_SILENT})
+WATCHDOG_S = 0.2
+"""Silence of the host after which the board lets go, s."""
 RATED_EXCHANGES = 30
 """After which the mean rate is known."""
 
@@ -56,10 +59,15 @@ def wait_until(holds: Callable[[], bool], timeout_s: float = 10.0) -> None:
 def test_a_jam_reaches_the_pins_and_pressures_come_back(bench: BoardBench, host: Host) -> None:
     """Outputs, pressures, supply, reset cause and faults, all in the exchange, at the rate that the file says."""
     host.jam(bench)
-    host.tick_until(lambda: host.exchanges[-1].sensors_pa["manifold"] < 60e3, JAMMED)
+
+    def evacuated() -> bool:
+        # A board that a busy machine ran late has let go meanwhile, and evacuates again.
+        pressures_pa = host.exchanges[-1].sensors_pa
+        return pressures_pa["manifold"] < 60e3 and all(each < 75e3 for each in pressures_pa.values())
+
+    host.tick_until(evacuated, JAMMED)
     exchange, status = host.exchanges[-1], host.link.status
     assert exchange.taken == ActuatorCommand(JAMMED.solenoids, pytest.approx(0.5, abs=0.01))
-    assert all(pressure_pa < 75e3 for pressure_pa in exchange.sensors_pa.values())
     assert status.supply_v == pytest.approx(12.0, abs=0.1)
     assert status.reset_cause is ResetCause.POWER_ON
     assert status.faults == {BoardFault.CALIBRATION_LOST}
@@ -119,16 +127,23 @@ def test_a_rebooted_board_is_told_from_a_silent_one(bench: BoardBench, host: Hos
 
 
 def test_noise_is_counted_and_lived_with(bench: BoardBench, host: Host) -> None:
-    """Some spoiled frames, in either direction, are counted; nothing is latched and nothing let go."""
-    host.jam(bench)
-    before = len(bench.edges)
-    for direction in ("noise_in", "noise_out"):
-        spoiled = host.link.status.crc_errors
-        bench.tell(f"{direction} 20")
-        host.tick_until(lambda spoiled=spoiled: host.link.status.crc_errors > spoiled, JAMMED)
-    host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
+    """Some spoiled frames, in either direction, are counted; nothing is latched and nothing let go.
+
+    Unless the machine kept the host waiting for as long as the board's watchdog: then it is tried again.
+    """
+    for _ in range(10):
+        host.jam(bench)
+        edges, exchanges = len(bench.edges), len(host.exchanges) - 1
+        for direction in ("noise_in", "noise_out"):
+            spoiled = host.link.status.crc_errors
+            bench.tell(f"{direction} 20")
+            host.tick_until(lambda spoiled=spoiled: host.link.status.crc_errors > spoiled, JAMMED)
+        host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED, JAMMED)
+        own = host.exchanges[exchanges:]
+        if max(after.received_s - before.sent_s for before, after in pairwise(own)) < WATCHDOG_S:
+            break
     assert not host.link.status.latched
-    assert len(bench.edges) == before
+    assert len(bench.edges) == edges
 
 
 def test_the_link_waits_for_a_board_that_is_not_there_yet(command: list[str], tmp_path: Path) -> None:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 STOP_TIMEOUT_S = 20.0
-"""How long a process may take to end after SIGTERM before it is killed. Assumed; nodes need about 0.2 s, and more than 5
-where sixteen processes wanted two cores."""
+"""How long a process may take to end after SIGTERM before it is killed. Assumed: nodes need about 0.2 s, and more than
+5 s where sixteen processes wanted two cores."""
 
 LAST_WORDS_S = 5.0
 """What a process said longer than this before its end, s, is not about it: an error of an hour ago may be long cleared.
