@@ -143,18 +143,10 @@ def test_a_killed_up_leaves_no_process(graph: tuple[Up, Probe]) -> None:
 
 @pytest.mark.parametrize("namespaces", [("/", "/"), ("lf_ankle", "rf_ankle")], ids=["same names", "two clocks"])
 def test_graphs_started_together_do_not_both_go_on(
-    start: Callable[..., Up],
-    make_probe: Callable[..., Probe],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    namespaces: tuple[str, str],
+    start: Callable[..., Up], make_probe: Callable[..., Probe], namespaces: tuple[str, str]
 ) -> None:
-    """Where no lock parts them, as of two users: nodes of one name, or two /clock, never stay beside each other."""
-    both = []
-    for number, namespace in enumerate(namespaces):
-        (tmp_path / str(number)).mkdir()
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / str(number)))  # where the lock is
-        both.append(start("up", "--namespace", namespace))
+    """As of two users: nodes of one name, or two /clock, never stay beside each other."""
+    both = [start("up", "--namespace", namespace) for namespace in namespaces]
     probe = make_probe()
     probe.spin_until(
         lambda: all(up.process.poll() is not None or "jammkle: up" in up.text() for up in both),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from std_msgs.msg import Header
 
 from graph import environment, interface
 from jammkle_common.names import (
+    ACTUATOR_STATES,
     CLOCK,
     DIAGNOSTICS,
     JAM_ALL,
@@ -131,20 +133,88 @@ def test_the_same_seed_gives_the_same_bag_on_any_machine(
     assert differences(bag_of(up), bag_of(other), 3_250_000_000) == []
 
 
+def test_time_that_runs_freely_waits_for_nobody(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """With `lockstep` false an ankle jams as in step, and a stopped driver is not waited for: the board vents."""
+    probe = make_probe()
+    up = start("up", "-p", "sim:lockstep:=false", "-p", "controller:auto_at_start:=false")
+    probe.listen(JAM_STATE, ACTUATOR_STATES, CLOCK)
+    probe.wait_until_up()
+    assert probe.call(JAM_ALL).success
+    probe.wait_until_jammed()
+    driver = up.child("jammkle_driver")
+    driver.send_signal(signal.SIGSTOP)
+    stopped_s = probe.last(CLOCK).clock.sec
+    probe.spin_until(lambda: probe.last(CLOCK).clock.sec > stopped_s + 2, "time goes on")
+    probe.spin_until(lambda: not any(probe.last(ACTUATOR_STATES).energised), "the board has let go")
+    driver.send_signal(signal.SIGCONT)
+    assert up.stop() == 0
+
+
 @pytest.mark.slow
 def test_a_leg_with_efforts_and_odometry_gives_the_same_bag(
     start: Callable[..., Up], make_probe: Callable[..., Probe]
 ) -> None:
-    """What the controller must know of its leg is there before the first step, at any speed."""
+    """What the controller must know of its leg is there before the first step."""
     probe, bags = make_probe(), []
-    for speed in ("0", "1"):
-        given = ("-p", "controller:use_efforts:=true", "-p", "controller:use_odometry:=true", "--speed", speed)
-        up = paused_graph(start, probe, "--robot", "leg", *given)
+    for _ in range(2):
+        given = ("-p", "controller:use_efforts:=true", "-p", "controller:use_odometry:=true")
+        up = paused_graph(start, probe, "--robot", "leg", *FOR_EVER, *given)
         go_on(probe, 8)
         assert up.stop() == 0
         bags.append(bag_of(up))
     assert differences(*bags, 1_900_000_000) == []
     assert len(recorded(bags[0], 1_900_000_000)["/odom"]) > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [(), ("--robot", "leg"), ("--robot", "quadruped")], ids=["ankle", "leg", "quadruped"])
+def test_the_same_seed_gives_the_same_bag_at_any_speed(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], robot: tuple[str, ...]
+) -> None:
+    """As fast as it goes, in real time, and at 0.3 of it beside four busy loops."""
+    bags = [ran(start, make_probe(), *robot, "--speed", speed) for speed in ("0", "1")]
+    with busy_loops():
+        bags.append(ran(start, make_probe(), *robot, "--speed", "0.3"))
+    until_ns = round(RUN_S * 1e9)
+    for bag in bags[1:]:
+        assert differences(bags[0], bag, until_ns) == []
+    assert sum(map(len, recorded(bags[0], until_ns).values())) > 1000 * RUN_S
+
+
+RUN_S = 10.0
+"""Simulated time of each run."""
+
+
+def ran(start: Callable[..., Up], probe: Probe, *arguments: str) -> Path:
+    """Let a graph run from its start, without a pause, and return its bag."""
+    up = paused_graph(start, probe, *FOR_EVER, *arguments)
+    probe.listen(CLOCK)
+    assert probe.call(SET_PAUSED, data=False).success
+    probe.spin_until(lambda: probe.last(CLOCK).clock.sec > RUN_S, "it has run")
+    assert up.stop() == 0
+    return bag_of(up)
+
+
+@pytest.mark.slow
+def test_a_driver_under_a_debugger_is_waited_for(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
+    """Also when the graph has forgotten it, as DDS does with a process that says nothing for 20 s."""
+    probe = make_probe()
+    up = paused_graph(start, probe, *FOR_EVER)
+    go_on(probe, 1)
+    for name in ("jammkle_driver", "jammkle_controller"):
+        child = up.child(name)
+        child.send_signal(signal.SIGSTOP)
+        steps, stopped_s = steps_in_progress(probe), time.monotonic()
+        while time.monotonic() - stopped_s < FORGOTTEN_S:
+            probe.executor.spin_once(timeout_sec=0.1)
+            assert not steps.done()
+        child.send_signal(signal.SIGCONT)
+        probe.spin_until(steps.done, "the steps are taken")
+    assert up.stop() == 0
+
+
+FORGOTTEN_S = 30.0
+"""Longer than the lease of a participant of Fast DDS."""
 
 
 def test_a_recorder_that_is_stopped_misses_nothing_and_shifts_nothing(

@@ -39,7 +39,7 @@ def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)  # which counts while it waits for the other test's end
+@pytest.mark.timeout(1200)
 def test_each_ankle_has_its_own_board(
     command: list[str], start: Callable[..., Up], make_probe: Callable[..., Probe], tmp_path: Path
 ) -> None:

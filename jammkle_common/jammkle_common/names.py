@@ -353,8 +353,7 @@ SERVICES: tuple[Service, ...] = (
 
 
 MAX_NAMESPACE_LENGTH = 200
-"""Most characters of a namespace. Names on the graph may have 255, node or topic included (ROS 2: rmw validates them),
-and the lock file's name holds the namespace."""
+"""Most characters of a namespace. Names on the graph may have 255, node or topic included (rmw validates them)."""
 
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 

@@ -84,6 +84,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         if self._values.hardware != SIM_HARDWARE:
             self.live_on_steady_clock()
         self._driver = Driver(CHANNELS, self._values.settings())
+        self._was_in_step = False
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
         self._liveness = Liveness(self)
@@ -320,6 +321,9 @@ class DriverNode(LockstepNode, LifecycleNode):
             return Instant(self.now_s(), self.now_s())
         # the graph's time, which the simulation's stamps are in, also where nobody makes that
         graph_s = seconds(self.get_clock().now())
+        if self.in_step is not self._was_in_step:
+            self._was_in_step = self.in_step
+            self._driver.follow_another_clock()
         return Instant(graph_s if self.in_step else time.monotonic(), graph_s)
 
 

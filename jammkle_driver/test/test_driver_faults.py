@@ -14,19 +14,18 @@ from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.air import Atmosphere
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import check_carried_out
+from jammkle_driver.core.driver import Driver, check_carried_out
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import OverloadWatch
+from jammkle_driver.core.watchdog import Instant, OverloadWatch
 from jammkle_driver.fake import FakeFault, LinkFault, ScriptError, read_script
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
     from fault_bench import FaultBench
     from jammkle_driver.core.hardware import PressureSample
-    from jammkle_driver.core.watchdog import Instant
 
 
 def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
@@ -344,6 +343,19 @@ def test_late_work_is_reported() -> None:
         watch.tick(6.45 + count * 0.1)
     assert watch.status(20.0).overloaded
     assert watch.status(20.0).late_s == pytest.approx(0.05, abs=0.005)
+
+
+def test_a_change_of_clocks_is_no_standstill() -> None:
+    """A simulation is replaced: in step with it, on the machine's own clock until the next one asks, in step again."""
+    driver = Driver(CHANNELS, DriverParameters().settings())
+    for steady_s in ((8.05, 8.1), (50000.0, 50000.05), (0.1, 0.15)):
+        driver.follow_another_clock()
+        for each in steady_s:
+            driver.tick(Instant(each, each % 50000.0))
+    assert driver.own_pace.stalls == 0
+    assert not driver.own_pace.overloaded
+    driver.tick(Instant(50000.0, 0.2))
+    assert driver.own_pace.stalls == 1
 
 
 def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from jammkle_common.messages import Health
     from jammkle_sim.parameters import RunParameters
 
+_STOPPED_AFTER_S = 10.0
+"""Real time without an answer, s, after which who is gone from the graph has not left in order: a process that a
+debugger or SIGSTOP stops is forgotten there once its lease ends (20 s in Fast DDS). It is to be waited for."""
 _LEFT_AFTER_S = 0.3
 """Real time, s, for which an answer is missing before it is looked whether its sender has left the graph."""
 
@@ -143,6 +146,8 @@ class Participants:
         """Forget those that have left the graph in order; one that was killed is seen on it for a while."""
         now_s = time.monotonic()
         if self._account.waited_s < _LEFT_AFTER_S or now_s - self._looked_s < _LEFT_AFTER_S:
+            return
+        if self._account.timeout_s == 0.0 and self._account.waited_s > _STOPPED_AFTER_S:
             return
         self._looked_s = now_s
         there = {node_at(end) for topic in self._topics for end in self._node.get_publishers_info_by_topic(topic)}

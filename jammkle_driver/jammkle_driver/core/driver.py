@@ -396,6 +396,10 @@ class Driver:
         self._line_noise = self._noise.look(link, now.steady_s)
         self._restarted = self._restarts.look(link, now.steady_s)
 
+    def follow_another_clock(self) -> None:
+        """Forget when regular work was done last: the steady time of the next tick is of another clock."""
+        self._overload = OverloadWatch(self._settings.tick_period_s)
+
     def tick(self, now: Instant, stop_publishers: int | None = None) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second.
 
