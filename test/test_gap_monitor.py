@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from jammkle_common.names import DIAGNOSTICS, GAP_MONITOR_NODE, JAM_ALL, JAM_STATE, RESET, SIMULATOR_GAP, UNJAM_ALL
+from jammkle_common.names import (
+    DIAGNOSTICS,
+    GAP_MONITOR_NODE,
+    JAM_ALL,
+    JAM_STATE,
+    RESET,
+    SET_PAUSED,
+    SIMULATOR_GAP,
+    UNJAM_ALL,
+)
 from jammkle_msgs.msg import ChannelJamState, SubsystemGap
 
 if TYPE_CHECKING:
@@ -68,6 +77,12 @@ def test_nothing_is_warned_of_without_an_effect(
     compared = [each for each in said if math.isfinite(each.gap)]
     assert {each.name for each in compared} == set(subsystems(probe))
     assert max(each.gap for each in compared) < probe.last(SIMULATOR_GAP).limit
+
+    # While simulated time stands nothing is missed that comes once a second or more often.
+    assert probe.call(SET_PAUSED, data=True).success
+    since = len(probe.received[SIMULATOR_GAP.name])
+    probe.spin_until(lambda: len(probe.received[SIMULATOR_GAP.name]) > since + 3 * REPORTS, "it reports in a pause")
+    assert SubsystemGap.STALE not in {each.state for each in subsystems(probe).values()}
 
 
 def test_a_leak_is_warned_of_in_the_pneumatics_alone(

@@ -124,7 +124,12 @@ class GapMonitorNode(Node):
         if self._wanted is not None:
             self._described, self._wanted = self._wanted, None
             self._build(*self._described)
-        return self._monitor is not None and self._monitor.advance(time.monotonic())
+        return self._monitor is not None and self._monitor.advance(self._now_s())
+
+    def _now_s(self) -> float:
+        """Return the time by which measurements are missed, s: simulated, or of the machine's steady clock."""
+        clock = self.get_clock()
+        return float(clock.now().nanoseconds) * 1e-9 if clock.ros_time_is_active else time.monotonic()
 
     def _build(self, rig: str, options: dict[str, Any]) -> None:
         """Make the twin anew: part of a second, between two callbacks, whenever the rig changes."""
@@ -160,7 +165,7 @@ class GapMonitorNode(Node):
             self._wanted = self._wanted or self._described  # a simulated robot has jumped, or was left out of time
         if self._monitor is not None:
             commands = TAKERS[names.ACTUATOR_STATES.name](message)
-            self._monitor.take_acknowledged(stamp_s(message), commands, time.monotonic())
+            self._monitor.take_acknowledged(stamp_s(message), commands, self._now_s())
 
     def _take_measurement(self, topic: str, message: Any) -> None:
         self._newest_s = stamp_s(message)
@@ -168,7 +173,7 @@ class GapMonitorNode(Node):
 
     def _forward(self, topic: str, time_s: float, message: Any) -> None:
         if self._monitor is not None:
-            self._monitor.take(topic, time_s, TAKERS[topic](message), time.monotonic())
+            self._monitor.take(topic, time_s, TAKERS[topic](message), self._now_s())
 
     def _take_description(self, message: String) -> None:
         rig, options = rig_of(message.data)
@@ -178,7 +183,7 @@ class GapMonitorNode(Node):
             self._trouble = f"{names.SIM_PARAMETERS.name} names no rig: set the parameter rig"
 
     def _report(self) -> None:
-        reports = [] if self._monitor is None else self._monitor.reports(time.monotonic())
+        reports = [] if self._monitor is None else self._monitor.reports(self._now_s())
         texts = [sentence(each) for each in reports]
         stamp = self.get_clock().now().to_msg()
         self._gap.publish(simulator_gap_message(stamp, self._values.limit, reports, texts))
@@ -187,5 +192,5 @@ class GapMonitorNode(Node):
     def _health(self) -> list[Health]:
         if self._monitor is None:
             return [unknown_rig_health(self._trouble)]
-        reports = self._monitor.reports(time.monotonic())
+        reports = self._monitor.reports(self._now_s())
         return [subsystem_health(each, self._values.limit) for each in reports]

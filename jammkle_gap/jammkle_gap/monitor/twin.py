@@ -167,7 +167,7 @@ class GapMonitor:
             topic: Its relative name.
             time_s: When it was measured or commanded, on the robot's clock.
             values: By column, as in the diagnosis of recordings.
-            now_s: Now, on a clock that never stands still.
+            now_s: Now: simulated time, or the machine's steady clock.
 
         """
         if not (self._acknowledged and topic in _COMMANDS):
