@@ -111,7 +111,8 @@ def promising(
 
     columns = taken([{each.name: each.null + each.sigma} for each in offer.constants], 0.0, 0.1)
     constants = np.array([np.zeros_like(nominal) if column is None else column for column in columns]).T
-    metric = _Metric(constants.reshape(len(nominal), -1), space.data - nominal)
+    constants = constants.reshape(len(nominal), -1)
+    metric = _Metric(constants, space.data - nominal)
     ways = {(effect.name, each): _Way(effect, *each) for effect in singles for each in _ends(effect)}
     left = list(ways.values())
     for turn, share in enumerate(_STEPS):
@@ -132,7 +133,7 @@ def promising(
     best = sorted((way for way in able if way.alone), key=lambda way: -metric.gain([way]))[: 3 * _OFFERED]
     _try_further(best, metric, taken)
     names = _ordered(metric, able)
-    around = _around_best(space, metric, constants, best, able, lambda share: progress("screening", share))
+    around = _around_best(space, metric, constants, best, able, lambda share: progress("screening", 0.9 + 0.1 * share))
     names += [name for name in around if name not in names]
     if not names:
         msg = f"none of the {len(library.effects)} effects on offer moves anything in these recordings; offer others"
@@ -154,7 +155,7 @@ def _try_further(
     for way, share, column in zip(best, shares, made, strict=True):
         way.take(share, column)
     for turn, share in enumerate(_STEPS[1:]):
-        made = taken([way.at(share) for way in best], 0.8 + 0.1 * turn, 0.9 + 0.1 * turn)
+        made = taken([way.at(share) for way in best], 0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
         for way, column in zip(best, made, strict=True):
             other = copy.copy(way)
             if other.take(share, column) and metric.gain([other]) > metric.gain([way]):
