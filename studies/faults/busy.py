@@ -36,6 +36,8 @@ GRAPH_TESTS = (
     "test/test_landing.py",
     "test/test_lockstep.py",
     "test/test_robot_graph.py",
+    "test/test_one_clock.py",
+    "test/test_composed.py",
 )
 
 
