@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from builtin_interfaces.msg import Duration
+from builtin_interfaces.msg import Duration, Time
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from rosgraph_msgs.msg import Clock
@@ -74,6 +74,9 @@ _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
 _BEFORE_S, _REST_S = 2.0, 0.5
 """Recorded time before an exercise, in which the foot comes to rest and the recorder finds all, and after it, s."""
+_AHEAD_S = 0.5
+"""How far ahead a trajectory is sent to a simulation, s, so that it begins at its stamp however long its 25 kB are on
+the way. A robot's clock may be another one: there it begins when it comes."""
 _COUNT_S = 5
 """Seconds that a person is given to take the shank."""
 _STANDS_S = 10.0
@@ -250,13 +253,15 @@ class _Session:
 
     def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
         """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
-        begun_s, course = self._now_s(), course_of(rig, timestep_s(rig))
+        in_simulation, course = self._received.time_s is not None, course_of(rig, timestep_s(rig))
+        begun_s = self._now_s() + (_AHEAD_S if in_simulation else 0.0)
         due: list[tuple[float, Callable[[], None]]] = [
             (step.time_s, partial(self._set_vacuum, step.channels, step.vacuum_pa)) for step in programme.vacuum
         ]
         if angles and course.lasts_s > 0.0:
             self._limb_over_ground = next(iter(limbs.values())) if has_ground(rig) else None
-            self._move({joint: course_rad[1:] for joint, course_rad in angles.items()}, course.time_s[1:].tolist())
+            moved = {joint: course_rad[1:] for joint, course_rad in angles.items()}
+            self._move(moved, course.time_s[1:].tolist(), begun_s if in_simulation else None)
         elif not angles:
             due += [(at_s, partial(say, text)) for at_s, text in spoken(course)]
         for at_s, act in sorted(due, key=lambda each: each[0]):
@@ -319,7 +324,8 @@ class _Session:
             found |= {f"{side}{joint}": column for joint, column in zip(limb.joints, angles_rad.T, strict=True)}
         return found
 
-    def _move(self, angles: Mapping[str, Any], time_s: Sequence[float]) -> None:
+    def _move(self, angles: Mapping[str, Any], time_s: Sequence[float], begins_s: float | None = None) -> None:
+        """Ask the joints for angles at times from `begins_s` on, on the graph's clock; None: from when it comes."""
         points = [
             JointTrajectoryPoint(
                 positions=[float(course[place]) for course in angles.values()],
@@ -327,7 +333,9 @@ class _Session:
             )
             for place, at_s in enumerate(time_s)
         ]
-        self._trajectory.publish(JointTrajectory(joint_names=list(angles), points=points))
+        stamp = [0, 0] if begins_s is None else divmod(round(begins_s * NANOSECONDS_PER_SECOND), NANOSECONDS_PER_SECOND)
+        header = Header(stamp=Time(sec=stamp[0], nanosec=stamp[1]))
+        self._trajectory.publish(JointTrajectory(header=header, joint_names=list(angles), points=points))
 
     def _take_clock(self, tick: Clock) -> None:
         self._received.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND

@@ -206,7 +206,7 @@ JOINT_TRAJECTORY = Topic(
     "joint_trajectory",
     "trajectory_msgs/msg/JointTrajectory",
     TopicKind.COMMAND,
-    "angles, rad, that a robot's own joints shall take over time, by its model's names; an empty one ends it",
+    "angles, rad, that a robot's own joints shall take from its stamp on, by its model's names; an empty one ends it",
 )
 """To whatever moves a robot's joints, such as a joint_trajectory_controller of ros2_control, or a simulated robot."""
 

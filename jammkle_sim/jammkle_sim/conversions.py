@@ -22,6 +22,7 @@ from jammkle_sim.robots.robot import JointCourse
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from builtin_interfaces.msg import Duration
     from std_msgs.msg import Float32
     from trajectory_msgs.msg import JointTrajectory
 
@@ -45,8 +46,9 @@ WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
 _NO_ORIENTATION = -1.0
 """REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
 
-
 _DIAGONAL = (0, 4, 8)
+_TRAJECTORY_AHEAD_S = 60.0
+"""How far ahead a trajectory may be stamped, s: beyond it the stamp is taken for one of another clock."""
 
 
 class NotFiniteError(ArithmeticError):
@@ -228,20 +230,24 @@ def duty_from(message: Float32) -> float:
     return duty
 
 
-def joint_course(message: JointTrajectory) -> JointCourse | None:
+def joint_course(message: JointTrajectory, run_began_s: float, now_s: float) -> JointCourse | None:
     """Return what a robot's joints are asked to do; None: to do what they do by themselves again.
 
-    It begins when it comes, whatever its stamp.
+    As for joint_trajectory_controller, it begins at its stamp, or when it comes where the stamp is zero.
+
+    Args:
+        message: The trajectory.
+        run_began_s: Time on /clock at which the run began, s.
+        now_s: Time of the run, s.
 
     Raises:
-        BadCommandError: a point with another number of positions than there are joints, or a time that does not rise.
+        BadCommandError: a point with another number of positions than there are joints, a time that does not rise, or
+            a stamp from which it would be over by now, or begin in more than a minute.
 
     """
     if not message.joint_names or not message.points:
         return None
-    time_s = [
-        each.time_from_start.sec + each.time_from_start.nanosec / NANOSECONDS_PER_SECOND for each in message.points
-    ]
+    time_s = [_seconds(each.time_from_start) for each in message.points]
     for place, (point, at_s) in enumerate(zip(message.points, time_s, strict=True)):
         if len(point.positions) != len(message.joint_names) or not all(map(math.isfinite, point.positions)):
             msg = f"point {place} of joint_trajectory has {len(point.positions)} positions"
@@ -250,8 +256,18 @@ def joint_course(message: JointTrajectory) -> JointCourse | None:
         if at_s <= (time_s[place - 1] if place else 0.0):
             msg = f"point {place} of joint_trajectory is {at_s:g} s from the start; times must be above 0 and rise"
             raise BadCommandError(msg)
+    stamp_s = _seconds(message.header.stamp)
+    begins_s = stamp_s - run_began_s if stamp_s else None
+    if begins_s is not None and not now_s - time_s[-1] <= begins_s <= now_s + _TRAJECTORY_AHEAD_S:
+        msg = f"joint_trajectory begins {begins_s - now_s:g} s from now, by its stamp, and lasts {time_s[-1]:g} s"
+        msg += f"; it must not be over, and begin within {_TRAJECTORY_AHEAD_S:g} s: stamp it by /clock, or with zero"
+        raise BadCommandError(msg)
     angles_rad = np.array([list(point.positions) for point in message.points])
-    return JointCourse(tuple(message.joint_names), np.array(time_s), angles_rad)
+    return JointCourse(tuple(message.joint_names), np.array(time_s), angles_rad, begins_s)
+
+
+def _seconds(given: Time | Duration) -> float:
+    return given.sec + given.nanosec / NANOSECONDS_PER_SECOND
 
 
 def _imu_values(message: Imu) -> list[float]:

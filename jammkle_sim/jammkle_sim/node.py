@@ -103,7 +103,7 @@ class SimNode(Node):
         self._liveness = Liveness(self, ankles, self._time_s)
         self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
         self._machine_outputs = self._make_machine_outputs()
-        self._joint_requests = JointRequests(self, self._simulation)
+        self._joint_requests = JointRequests(self, self._simulation, self._time_s)
         self._describe()
         self._requests = _Requests(self, self._engine, self._reset, self._diagnostics.check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

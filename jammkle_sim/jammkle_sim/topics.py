@@ -394,18 +394,26 @@ class _Commands:
 class JointRequests:
     """Lets the joints of a robot do what is asked of them."""
 
-    def __init__(self, node: Node, simulation: Simulation) -> None:
-        """Subscribe on `node`, if the simulation has joints that follow."""
-        self._node, self._simulation = node, simulation
+    def __init__(self, node: Node, simulation: Simulation, time_s: Callable[[], float]) -> None:
+        """Subscribe on `node`, if the simulation has joints that follow.
+
+        Args:
+            node: The sim node.
+            simulation: What is simulated.
+            time_s: Returns simulated time as on /clock, s.
+
+        """
+        self._node, self._simulation, self._time_s = node, simulation, time_s
         if isinstance(simulation.machine.control, FollowingControl):
             topic = names.JOINT_TRAJECTORY
             node.create_subscription(JointTrajectory, topic.name, self._take, subscriber_qos(topic))
 
     def _take(self, message: JointTrajectory) -> None:
         control = self._simulation.machine.control
+        run_began_s = self._time_s() - self._simulation.elapsed_s
         try:
             if isinstance(control, FollowingControl):
-                control.follow(joint_course(message))
+                control.follow(joint_course(message, run_began_s, self._simulation.elapsed_s))
         except (BadCommandError, ParameterError) as error:
             self._node.get_logger().warning(f"{error}; the joints do what they did before")
 

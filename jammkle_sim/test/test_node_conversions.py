@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 import yaml
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import FluidPressure, Imu
-from std_msgs.msg import Float32
+from std_msgs.msg import Float32, Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_common import names
 from jammkle_msgs.msg import TendonState
@@ -20,12 +23,20 @@ from jammkle_sim.conversions import (
     NotFiniteError,
     OutgoingMessages,
     duty_from,
+    joint_course,
     parameters_message,
     time_message,
 )
 from jammkle_sim.kinds import make_simulation
 from jammkle_sim.parameters import SimParameters
+from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.simulation import ImuSample, TendonSample
+from jammkle_sim.robots.catalogue import robot
+from jammkle_sim.robots.options import RobotOptions
+from jammkle_sim.robots.robot import FollowingControl
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 FINITE = st.floats(-1e6, 1e6)
 VECTOR = st.tuples(FINITE, FINITE, FINITE)
@@ -128,6 +139,42 @@ def test_a_duty_is_taken_or_refused_with_its_limit(value: float) -> None:
     else:
         with pytest.raises(BadCommandError, match=r"pump/duty is .* must be 0 to 1"):
             duty_from(message)
+
+
+def trajectory(stamp_s: int) -> JointTrajectory:
+    """One second to half a radian, from its stamp on."""
+    point = JointTrajectoryPoint(positions=[0.5], time_from_start=Duration(sec=1))
+    return JointTrajectory(header=Header(stamp=Time(sec=stamp_s)), joint_names=["hip"], points=[point])
+
+
+def test_a_trajectory_begins_at_its_stamp_however_late_it_comes() -> None:
+    """The joint stays until the stamp and is halfway half a second later; without a stamp it begins at once.
+
+    Simulated time is 10 s ahead of the run's. A run that starts anew begins the trajectory with its first command.
+    """
+    leg = robot("leg", RobotOptions(behaviour="hang"))
+
+    def hips_rad(stamp_s: int, came_s: float, times_s: Sequence[float]) -> list[float]:
+        control, data = FollowingControl(leg.model, leg.control), mujoco.MjData(leg.model)
+        data.actuator("hip").ctrl[0] = 0.1
+        control.follow(joint_course(trajectory(stamp_s), run_began_s=10.0, now_s=came_s))
+        found = []
+        for time_s in times_s:
+            control.command(time_s, data)
+            found.append(float(data.actuator("hip").ctrl[0]))
+        return found
+
+    assert hips_rad(12, 1.5, [1.6, 2.0, 2.5, 3.0, 4.0]) == pytest.approx([0.1, 0.1, 0.3, 0.5, 0.5])
+    assert hips_rad(12, 2.25, [2.5, 3.0]) == pytest.approx([0.3, 0.5])
+    assert hips_rad(0, 1.5, [1.6, 2.1, 2.6]) == pytest.approx([0.1, 0.3, 0.5])
+    assert hips_rad(12, 1.5, [2.5, 0.0, 0.5, 1.0]) == pytest.approx([0.3, 0.3, 0.4, 0.5])
+
+
+@pytest.mark.parametrize("stamp_s", [5, 1_700_000_000])
+def test_a_trajectory_of_another_clock_is_refused(stamp_s: int) -> None:
+    """One that is over, or begins in fifty years, says how far off it is and how to stamp it."""
+    with pytest.raises(BadCommandError, match=r"begins .* s from now, .* stamp it by /clock, or with zero"):
+        joint_course(trajectory(stamp_s), run_began_s=0.0, now_s=10.0)
 
 
 def test_sim_parameters_are_yaml_that_reads_back() -> None:

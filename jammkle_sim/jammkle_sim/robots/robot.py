@@ -135,6 +135,8 @@ class JointCourse:
     """Since it was given, rising, shape (n,), s; the joints go to the first point from where they were asked to be."""
     angles_rad: NDArray[np.float64]
     """Shape (n, joints)."""
+    begins_s: float | None = None
+    """Time of the run at which it begins, s; until then the joints stay. None: with the next command."""
 
 
 class FollowingControl:
@@ -151,10 +153,13 @@ class FollowingControl:
         self._model, self._own = model, own
         self._course: JointCourse | None = None
         self._begun_s: float | None = None
+        self._commanded_s = 0.0
         self._servos: list[int] = []
 
     def follow(self, course: JointCourse | None) -> None:
-        """Follow a course from the next command on, or the robot's own control again.
+        """Follow a course from when it begins, or the robot's own control again.
+
+        A course that is still followed when a run starts anew begins with it.
 
         Raises:
             ParameterError: the robot has no such servo.
@@ -175,10 +180,12 @@ class FollowingControl:
         self._own.command(time_s, data)
         if self._course is None:
             return
-        if self._begun_s is None or time_s < self._begun_s:
-            times_s = np.concatenate(([0.0], self._course.time_s))
-            self._times_s, self._begun_s = times_s, time_s
+        if self._begun_s is None or time_s < self._commanded_s:
+            begins_s = self._course.begins_s if self._begun_s is None else None
+            self._begun_s = time_s if begins_s is None else begins_s
+            self._times_s = np.concatenate(([0.0], self._course.time_s))
             self._angles_rad = np.vstack((before_rad, self._course.angles_rad))
+        self._commanded_s = time_s
         elapsed_s = time_s - self._begun_s
         data.ctrl[self._servos] = [np.interp(elapsed_s, self._times_s, angles) for angles in self._angles_rad.T]
 
