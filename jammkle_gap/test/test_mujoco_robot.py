@@ -254,6 +254,24 @@ def test_windows_start_from_what_was_measured(tmp_path: Path, recorded: robot_ar
     assert set(simulator(compared[0], {})) == {signal.name for signal in compared[0].signals}
 
 
+def test_joint_that_stands_has_the_noise_of_the_others(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """The encoder of a joint that is held shows no noise. It is said; alone in its unit, it is refused."""
+    still = {
+        "yaw.position": np.zeros_like(recorded["time_s"]),
+        "command.yaw.position": np.zeros_like(recorded["time_s"]),
+    }
+    _, _, (compared,) = made(tmp_path, {**recorded, **still})
+    moves = [compared.signal(f"{joint}/position") for joint in ("shoulder", "elbow")]
+    assert scale_of(compared.signal("yaw/position")) == max(scale_of(each) for each in moves)
+    assert compared.notes == (
+        "yaw/position never changes: its noise is taken for the largest in its unit, unless the map gives it",
+    )
+    runs, robot = matched(tmp_path / "arm.xml", [robot_arm.run("still", {**recorded, **still})])
+    flat = {("wrist", Sense.FORCE): tuple(Track(recorded["time_s"], 0.0 * recorded["time_s"]) for _ in AXES)}
+    with pytest.raises(BadRecordingError, match=r"wrist/force.x never changes .* give it in the map"):
+        recordings_of(replace(robot, senses=tuple(flat)), [replace(runs[0], sensed=flat)], 2.0, 20.0)
+
+
 def test_joints_of_one_kind_share_effects(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """All joints share an effect, those with the same rotor another, and each has its own."""
     robot, simulator, _ = made(tmp_path, recorded)
@@ -318,10 +336,15 @@ def with_wrist(folder: Path) -> Path:
     return model
 
 
+def at_rest(samples: robot_arm.Samples) -> robot_arm.Samples:
+    """Return what the sensors at the wrist would read if they were weightless and at rest: their noise."""
+    noise = np.random.default_rng(0).normal(0.0, 0.001, len(samples["time_s"]))
+    return {f"wrist.{sense.value}.{axis}": noise for sense in Sense for axis in AXES}
+
+
 def sensed(folder: Path, samples: robot_arm.Samples) -> dict[str, np.ndarray]:
     """Return what the sensors at the wrist of a model would read of motion and commands, by signal."""
-    flat = {f"wrist.{sense.value}.{axis}": 0.0 * samples["time_s"] for sense in Sense for axis in AXES}
-    runs, robot = matched(with_wrist(folder), [robot_arm.run("one", {**samples, **flat})])
+    runs, robot = matched(with_wrist(folder), [robot_arm.run("one", {**samples, **at_rest(samples)})])
     (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
     made = RobotSimulator(robot, {})(compared, {})
     return {name: values for name, values in made.items() if name.startswith("wrist/")}
@@ -352,8 +375,7 @@ def test_errors_of_sensors_change_their_readings_alone(
     tmp_path: Path, recorded: robot_arm.Samples, effect: str, value: float, signal: str, moved: float | None
 ) -> None:
     """Zero, scale and mounting change what a sensor reads, and no joint."""
-    flat = {f"wrist.{sense.value}.{axis}": 0.0 * recorded["time_s"] for sense in Sense for axis in AXES}
-    runs, robot = matched(with_wrist(tmp_path), [robot_arm.run("one", {**recorded, **flat})])
+    runs, robot = matched(with_wrist(tmp_path), [robot_arm.run("one", {**recorded, **at_rest(recorded)})])
     (compared,), _ = recordings_of(robot, runs, 2.0, 4.0)
     offer = offer_of(robot, scales_of(robot, [compared]))
     simulator = RobotSimulator(robot, offer.changes)

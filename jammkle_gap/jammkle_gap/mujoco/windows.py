@@ -214,7 +214,33 @@ def _recording(
     else:
         signals = [_with_motion_noise(robot, run, each) for each in signals]
     inputs = replace(motion, starts_s=starts, window_s=length)
-    return _with_sensitivity(robot, Recording(run.name, (*signals, *felt), inputs, setting=run.name))
+    known, notes = _with_known_noise(run.name, [*signals, *felt])
+    return _with_sensitivity(robot, Recording(run.name, known, inputs, setting=run.name, notes=notes))
+
+
+def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[Signal, ...], tuple[str, ...]]:
+    """Return signals of which all have a noise, and notes on those that never change, as of an encoder that stands.
+
+    Raises:
+        BadRecordingError: no signal of a unit changes, and nobody gave its noise.
+
+    """
+    found, still = [], []
+    for each in signals:
+        if scale_of(each) > 0.0:
+            found.append(each)
+            continue
+        noise = max(scale_of(other) for other in signals if other.unit == each.unit)
+        if noise == 0.0:
+            msg = (
+                f"{each.name} never changes in recording {recording}, and no other signal in {each.unit} does, so that"
+            )
+            msg += " its noise is unknown; give it in the map (noise: {...}), or leave it out (sensors: none)"
+            raise BadRecordingError(msg)
+        still.append(each.name)
+        found.append(replace(each, noise=noise))
+    note = f"{', '.join(still)} never changes: its noise is taken for the largest in its unit, unless the map gives it"
+    return tuple(found), (note,) if still else ()
 
 
 _SENSE_UNITS = {Sense.ACCELERATION: "m/s^2", Sense.RATE: "rad/s", Sense.FORCE: "N", Sense.TORQUE: "N m"}
