@@ -63,6 +63,26 @@ def runs(process_id: int) -> bool:
         return False
 
 
+STARVED_TIMEOUT_S = 0.2
+STARVED = """
+import os, signal, subprocess, sys, time
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+others = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(2)]
+def end(*_):
+    os.nice(19)  # 15 of 2063 parts of a core
+    begun_s = time.process_time()
+    while time.process_time() < begun_s + 0.02:
+        pass
+    for each in others:
+        each.kill()
+    os._exit(0)
+signal.signal(signal.SIGTERM, end)
+print("ready", flush=True)
+while True:
+    signal.pause()
+"""
+
+
 class Lines:
     """Collects what processes say."""
 
@@ -181,6 +201,17 @@ def test_a_stubborn_process_is_killed_and_named() -> None:
         (bad,) = supervisor.stop()
     assert (bad.name, bad.exit_code) == ("stubborn", -signal.SIGKILL)
     assert not runs(process_id)
+
+
+def test_a_process_that_waits_for_a_core_is_waited_for() -> None:
+    """On a busy machine a process that gets a hundredth of a core is not killed for it; it counts its own time."""
+    lines = Lines()
+    starved = ChildSpec("starved", (sys.executable, "-c", STARVED), stop_timeout_s=STARVED_TIMEOUT_S)
+    with Supervisor([starved], lines.take) as supervisor:
+        wait_until(lambda: lines.ready("starved"), "it is ready")
+        asked_s = time.monotonic()
+        assert supervisor.stop() == ()
+        assert time.monotonic() - asked_s > 2.0 * STARVED_TIMEOUT_S  # so that it would have been killed
 
 
 def test_a_process_that_still_loads_may_end_by_the_signal() -> None:

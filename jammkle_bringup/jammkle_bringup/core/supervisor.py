@@ -10,9 +10,11 @@ import subprocess
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jammkle_common import processes
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,9 +22,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-STOP_TIMEOUT_S = 20.0
-"""How long a process may take to end after SIGTERM before it is killed. Assumed: nodes need about 0.2 s, and more than
-5 s where sixteen processes wanted two cores."""
+STOP_TIMEOUT_S = 10.0
+"""How long a process may take to end after SIGTERM before it is killed, without the time for which it waited for a
+core. Assumed: nodes need about 0.2 s, and 20 s of real time were seen where twenty processes wanted two cores."""
 
 LAST_WORDS_S = 5.0
 """What a process said longer than this before its end, s, is not about it: an error of an hour ago may be long cleared.
@@ -30,15 +32,17 @@ Chosen: a traceback comes milliseconds before, and who hangs before it ends does
 
 _KEPT_LINES = 5
 _READER_TIMEOUT_S = 1.0
+_LOOK_PERIOD_S = 0.1
 
 
 @dataclass(frozen=True)
 class ChildSpec:
     """One process to start: its name for people and its command, whose first entry is an absolute path.
 
-    `stop_timeout_s` is how long it may take to end before it is killed. What only `looks_on` may die, once all has
-    started, without taking the others along. Those of one `kind` that start one after the other, such as the drivers
-    of several ankles, are stopped together; without a kind a process is stopped alone.
+    `stop_timeout_s` is how long it may take to end before it is killed, without the time for which it waits for a core
+    of a busy machine. What only `looks_on` may die, once all has started, without taking the others along. Those of one
+    `kind` that start one after the other, such as the drivers of several ankles, are stopped together; without a kind a
+    process is stopped alone.
     """
 
     name: str
@@ -75,6 +79,32 @@ def exit_text(exit_code: int) -> str:
         return f"signal {-exit_code}"
 
 
+@dataclass(frozen=True)
+class _CoreTime:
+    """What the threads of a process got of the cores so far, of the one that got or wanted most, s.
+
+    Linux counts it (Documentation/scheduler/sched-stats.rst, the first two numbers of schedstat), and a wait for a core
+    once it is over; where it does not, all is zero.
+    """
+
+    used_s: float
+    waited_s: float
+    waits: bool
+    """Whether a thread runs or waits for a core now."""
+
+    @classmethod
+    def of(cls, process_id: int) -> Self:
+        """Return that of a process; of one that has ended, none."""
+        used_ns, waited_ns, waits = [0], [0], False
+        for thread in Path(f"/proc/{process_id}/task").glob("*"):
+            with contextlib.suppress(OSError):  # the thread has ended
+                used, waited, _ = (thread / "schedstat").read_text().split()
+                used_ns.append(int(used))
+                waited_ns.append(int(waited))
+                waits |= (thread / "stat").read_text().rpartition(")")[2].split()[0] == "R"
+        return cls(max(used_ns) / NANOSECONDS_PER_SECOND, max(waited_ns) / NANOSECONDS_PER_SECOND, waits)
+
+
 class _Child:
     """A running process and the thread that reads what it says."""
 
@@ -83,6 +113,7 @@ class _Child:
         command = processes.held(spec.command) if held else spec.command
         self._lines: collections.deque[tuple[float, str]] = collections.deque(maxlen=_KEPT_LINES)
         self._ended_s: float | None = None
+        self._asked_s, self._had = 0.0, _CoreTime(0.0, 0.0, waits=False)
         self._on_line = on_line
         self.process = subprocess.Popen(  # noqa: S603 - the command is the caller's own, and no shell reads it
             processes.tied(command),
@@ -125,16 +156,21 @@ class _Child:
     def ask_to_end(self) -> None:
         """Send SIGTERM to what still runs."""
         if self.process.poll() is None:
+            self._asked_s, self._had = time.monotonic(), _CoreTime.of(self.process.pid)
             self.process.terminate()
 
-    def wait_or_kill(self, asked_s: float) -> None:
-        """Wait for what was asked to end at `asked_s` s of the monotonic clock; at last send SIGKILL to its session."""
-        left_s = asked_s + self.spec.stop_timeout_s - time.monotonic()
-        try:
-            self.process.wait(max(left_s, 0.0))
-        except subprocess.TimeoutExpired:
-            os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait()
+    def wait_or_kill(self) -> None:
+        """Wait for what was asked to end; at last send SIGKILL to its session."""
+        while self.process.poll() is None:
+            has, limit_s = _CoreTime.of(self.process.pid), self.spec.stop_timeout_s
+            waited_s = has.waited_s - self._had.waited_s
+            left_s = limit_s + waited_s - (time.monotonic() - self._asked_s)
+            if left_s > 0.0 or (has.waits and has.used_s - self._had.used_s < limit_s):
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self.process.wait(max(left_s, _LOOK_PERIOD_S))
+            else:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()
         self._read_to_the_end()
 
     def _read_to_the_end(self) -> None:
@@ -243,11 +279,10 @@ class Supervisor:
             together = [self._children.pop()]
             while self._children and together[0].spec.kind and self._children[-1].spec.kind == together[0].spec.kind:
                 together.append(self._children.pop())
-            asked_s = time.monotonic()
             for child in together:
                 child.ask_to_end()
             for child in together:
-                child.wait_or_kill(asked_s)
+                child.wait_or_kill()
                 if child.process.returncode not in well:
                     bad.append(child.death())
         return tuple(bad)

@@ -385,7 +385,8 @@ def _check_one_clock(bag: str, measured: Mapping[str, Samples]) -> None:
         limit_s = max(_DRIFT_FLOOR_S, _LARGEST_DRIFT * duration_s)
         if abs(drift_s) > limit_s:
             msg = f"clocks drift apart in bag {bag}: {topic}'s log time and header time part by {drift_s:.3g} s"
-            msg += f", at most {limit_s:.2g} s; synchronise the clocks and record again"
+            msg += f", at most {limit_s:.2g} s, as of two clocks or a recorder that falls behind"
+            msg += "; synchronise the clocks, or record fewer topics, and record again"
             raise BadRecordingError(msg)
 
 
