@@ -170,17 +170,39 @@ def test_what_has_changed_since_is_named(tmp_path: Path) -> None:
         matched(model, [now, before[0], before[0]])
 
 
-def test_screening_puts_the_truth_among_the_first(tmp_path: Path) -> None:
-    """Of all effects that the arm is offered, those of the elbow's friction are kept, and few others."""
-    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", robot_arm.samples(5, rubbing, 4.0))])
+STOP_RAD = 0.8
+
+
+def stopped(model: mujoco.MjModel) -> None:
+    model.jnt_range[2, 1] = STOP_RAD
+
+
+def test_joint_that_meets_something_is_named_and_corrected(tmp_path: Path) -> None:
+    """An elbow that runs into something has an upper stop there, and the corrected model has it as a range."""
+    model = robot_arm.write_model(tmp_path)
+    runs = [robot_arm.run(f"run {k}", robot_arm.samples(k, stopped, 4.0)) for k in range(2)]
+    stops = [f"{which}_stop_{joint}" for which in ("lower", "upper") for joint in robot_arm.JOINTS]
+    found = diagnose_mujoco(model, runs, only=(*FEW, *stops), folder=tmp_path / "out", jobs=1)
+    assert found.diagnosis.effects[0].name == "upper_stop_elbow"
+    assert found.corrected.values["upper_stop_elbow.position"] == pytest.approx(STOP_RAD, abs=0.02)
+    corrected = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "corrected.xml"))
+    assert corrected.joint("elbow").range == pytest.approx([-3.0, STOP_RAD], abs=0.02)
+    (elbow,) = (each for each in found.closing if each.signal == "elbow/position")
+    assert elbow.corrected < 0.2 * elbow.nominal
+
+
+@pytest.mark.parametrize(("change", "name"), [(rubbing, "friction_elbow"), (stopped, "upper_stop_elbow")])
+def test_screening_puts_the_truth_among_the_first(tmp_path: Path, change: robot_arm.Change, name: str) -> None:
+    """Of all effects that the arm is offered, those of the elbow's own cause are kept, and few others."""
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", robot_arm.samples(5, change, 4.0))])
     compared, _ = recordings_of(robot, runs, 2.0, 4.0)
     offer = offer_of(robot, scales_of(robot, compared))
     kept = promising(
         RobotSimulator(robot, offer.changes), offer, offer.library, compared, 1, lambda _what, _share: None
     )
     names = [effect.name for effect in kept]
-    assert "friction_elbow" in names
-    assert len(names) <= 12 < len(offer.library.effects)
+    assert name in names
+    assert len(names) <= 16 < len(offer.library.effects)
 
 
 def test_efforts_alone_are_diagnosed_backwards(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import robot_arm
 from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import scales_of
+from jammkle_gap.mujoco.effects import FloorGive, scales_of
 from jammkle_gap.mujoco.offer import groups_of, offer_of
 from jammkle_gap.mujoco.runs import (
     AXES,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from jammkle_gap import Recording
     from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import Run
+    from jammkle_gap.mujoco.simulator import Machine
 
 
 @pytest.fixture(scope="module")
@@ -270,6 +272,26 @@ def test_joint_that_stands_has_the_noise_of_the_others(tmp_path: Path, recorded:
     flat = {("wrist", Sense.FORCE): tuple(Track(recorded["time_s"], 0.0 * recorded["time_s"]) for _ in AXES)}
     with pytest.raises(BadRecordingError, match=r"wrist/force.x never changes .* give it in the map"):
         recordings_of(replace(robot, senses=tuple(flat)), [replace(runs[0], sensed=flat)], 2.0, 20.0)
+
+
+BALL = """
+<mujoco><worldbody>
+  <geom name="floor" type="plane" size="1 1 1" solimp="0.9 0.9 0.001" solref="SOLREF"/>
+  <body pos="0 0 0.1"><freejoint/><geom size="0.1" mass="1" solimp="0.9 0.9 0.001" solref="SOLREF"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("solref", ["0.02 1", "-2500 -100"])
+def test_body_sinks_deeper_into_a_floor_that_gives(solref: str) -> None:
+    """Twice the time of a contact is a quarter of its stiffness, however the model says it: four times as deep."""
+    depths_m = []
+    for scale in (1.0, 2.0):
+        model = robot_arm.mujoco.MjModel.from_xml_string(BALL.replace("SOLREF", solref))
+        FloorGive()(cast("Machine", SimpleNamespace(model=model)), [scale])
+        data = robot_arm.mujoco.MjData(model)
+        robot_arm.mujoco.mj_step(model, data, 2000)
+        depths_m.append(0.1 - float(data.qpos[2]))
+    assert depths_m[1] == pytest.approx(4.0 * depths_m[0], rel=0.15)
 
 
 def test_joints_of_one_kind_share_effects(tmp_path: Path, recorded: robot_arm.Samples) -> None:

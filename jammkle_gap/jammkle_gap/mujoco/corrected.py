@@ -110,7 +110,8 @@ def _put_links(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) -> 
         at, own_at = robot.dof(joint), int(model.joint(joint).dofadr[0])
         for field in _BY_DOF:
             getattr(model, f"dof_{field}")[own_at] = getattr(changed, f"dof_{field}")[at]
-    model.geom_friction[:] = changed.geom_friction
+        model.jnt_range[model.joint(joint).id] = changed.jnt_range[changed.joint(joint).id]
+    model.geom_friction[:], model.geom_solref[:] = changed.geom_friction, changed.geom_solref
     model.opt.gravity[:] = changed.opt.gravity
 
 
@@ -136,6 +137,8 @@ def _put_flags(
     for drive in robot.drives:
         if drive.joint not in gains and changed.actuator_forcelimited[changed.actuator(drive.actuator).id]:
             spec.actuators[_actuator_of(model, drive.joint)].forcelimited = True
+        if changed.jnt_limited[changed.joint(drive.joint).id]:
+            spec.joint(drive.joint).limited = True
         if changed.jnt_actgravcomp[changed.joint(drive.joint).id]:
             spec.joint(drive.joint).actgravcomp = True
     if not np.array_equal(changed.body_gravcomp, robot.model.body_gravcomp):

@@ -39,6 +39,8 @@ class Scale:
     stiffness: float
     """kp of its drive, N m/rad or N/m; nan without one."""
     turning: bool
+    reach: tuple[float, float]
+    """Least and largest position that was measured, rad or m."""
 
 
 def scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, Scale]:
@@ -48,8 +50,11 @@ def scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, Scale]
     positions = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     dofs = [robot.dof(name) for name in robot.joints]
     torque, speed, inertia = (np.zeros(len(dofs)) for _ in range(3))
+    lowest, highest = np.full(len(dofs), np.inf), np.full(len(dofs), -np.inf)
     for recording in recordings:
         motion: Motion = recording.inputs
+        lowest = np.minimum(lowest, motion.position.min(axis=0))
+        highest = np.maximum(highest, motion.position.max(axis=0))
         speed = np.maximum(speed, np.abs(motion.velocity).max(axis=0))
         for k in range(0, len(motion.position), max(len(motion.position) // _SAMPLES, 1)):
             data.qpos[positions], data.qvel[dofs] = motion.position[k], motion.velocity[k]
@@ -67,7 +72,14 @@ def scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, Scale]
             speed[own] = np.maximum(speed[own], _LEAST * speed[own].max())
     kp = {each.joint: float(model.actuator(each.actuator).gainprm[0]) for each in robot.drives}
     return {
-        name: Scale(float(torque[k]), float(speed[k]), float(inertia[k]), kp.get(name, float("nan")), turning[k])
+        name: Scale(
+            float(torque[k]),
+            float(speed[k]),
+            float(inertia[k]),
+            kp.get(name, float("nan")),
+            turning[k],
+            (float(lowest[k]), float(highest[k])),
+        )
         for k, name in enumerate(robot.joints)
     }
 
@@ -432,6 +444,39 @@ class Floor:
     def __call__(self, machine: Machine, values: Sequence[float]) -> None:
         """Change the machine."""
         machine.model.geom_friction[:, 0] *= values[0]
+
+
+@dataclass(frozen=True)
+class FloorGive:
+    """Another time in which contacts come to rest: longer on what gives."""
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine: of its contacts the time constant, or what the model has of stiffness and damping."""
+        table, scale = machine.model.geom_solref, values[0]
+        direct = table[:, 0] < 0.0
+        table[~direct, 0] *= scale
+        table[direct] /= [scale**2, scale]
+
+
+@dataclass(frozen=True)
+class Stop:
+    """An end stop of a joint that it meets before the model's own."""
+
+    joint: str
+    upper: bool
+
+    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
+        """Change the machine."""
+        model = machine.model
+        number = model.joint(self.joint).id
+        if not model.jnt_limited[number]:
+            model.jnt_limited[number], model.jnt_range[number] = 1, (-_ENDLESS, _ENDLESS)
+        nearer = min if self.upper else max
+        model.jnt_range[number, int(self.upper)] = nearer(model.jnt_range[number, int(self.upper)], values[0])
+
+
+_ENDLESS = 1e6
+"""Range of a joint that has none, rad or m."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from jammkle_gap.mujoco.effects import (
     EffortScale,
     Family,
     Floor,
+    FloorGive,
     GainChange,
     Gravity,
     JointChange,
@@ -31,6 +32,7 @@ from jammkle_gap.mujoco.effects import (
     SensorOffset,
     SensorScale,
     SensorTurn,
+    Stop,
     Tilt,
     Timing,
     size_of,
@@ -96,7 +98,7 @@ def offer_of(robot: Robot, scales: Mapping[str, Scale]) -> Offer:
         for joint in joints:
             effect, change = _single(number, single[joint], joint, scales[joint])
             offered(effect, change)
-    for effect, change in (*_of_links(robot), *_of_all(robot), *_of_senses(robot)):
+    for effect, change in (*_of_links(robot), *_of_stops(robot, scales), *_of_all(robot), *_of_senses(robot)):
         offered(effect, change)
     return Offer(Library(tuple(effects)), tuple(constants), tuple(scatter), changes, members)
 
@@ -214,6 +216,28 @@ def _of_links(robot: Robot) -> list[tuple[Effect, Any]]:
     return found
 
 
+def _of_stops(robot: Robot, scales: Mapping[str, Scale]) -> list[tuple[Effect, Any]]:
+    """Return end stops that a driven joint may meet early: near where it turned back, or beyond, as far as it moved."""
+    found: list[tuple[Effect, Any]] = []
+    for drive in robot.drives:
+        own = scales[drive.joint]
+        unit, travel = ("rad" if own.turning else "m"), own.reach[1] - own.reach[0]
+        if not travel:
+            continue
+        for which, end, outward in (("lower", own.reach[0], -travel), ("upper", own.reach[1], travel)):
+            ends = sorted((end - _STOP_INWARD * outward, end + outward))
+            source = "where the joint turned back, and as far again; a stop gives by a few hundredths of the travel"
+            angle = EffectParameter("position", unit, end + outward, ends[0], ends[1], source)
+            sentence = f"Joint {drive.joint} meets its {which} stop early: look for what it runs into, and for cables."
+            name = f"{which}_stop_{drive.joint}"
+            found.append((Effect(name, "joints", (angle,), sentence), Stop(drive.joint, upper=which == "upper")))
+    return found
+
+
+_STOP_INWARD = 0.05
+"""Of the travel, how far within it a stop is looked for. Assumed: stops of rubber and links give under load."""
+
+
 def _children(robot: Robot, name: str) -> list[int]:
     model = robot.model
     own = model.body(name).id
@@ -269,6 +293,9 @@ def _of_all(robot: Robot) -> list[tuple[Effect, Any]]:
         scale = EffectParameter("scale", "1", 1.0, 0.2, 2.0, "tables of dry friction")
         sentence = "The floor grips otherwise than the model says: clean it, or measure its friction."
         found.append((Effect("floor_friction", "base", (scale,), sentence), Floor()))
+        scale = EffectParameter("scale", "1", 1.0, 0.3, 5.0, "assumed: from a steel plate to a mat")
+        sentence = "The floor gives otherwise than the model says: stand the robot on a plate, and compare."
+        found.append((Effect("floor_give", "base", (scale,), sentence), FloorGive()))
     return found
 
 
