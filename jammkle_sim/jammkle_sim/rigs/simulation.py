@@ -661,11 +661,12 @@ class Servos:
 
     Targets come in steps, and so do the efforts; a drive reports its current low-passed. Of a spring and a damper
     toward a target that holds, the mean effort since then is that at the mean place and at the way made by the time.
+    The places that count are those at which steps began, half a step before the mean of the way.
     """
 
     def __init__(self, model: Any, data: Any) -> None:
         """Look at the servos of a model: actuators that act on one hinge or slide, with a fixed gain."""
-        self._data = data
+        self._data, self._half_step_s = data, 0.5 * float(model.opt.timestep)
         on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
         steady = model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)
         self._at = np.flatnonzero(on_joint & steady)
@@ -692,8 +693,9 @@ class Servos:
             return 0.0 if i is None else float(self._gear[i] * self._data.actuator_force[self._at[i]])
         first, now = float(self._first[i]), float(self._gear[i] * self._data.qpos[self._places[i]])
         constant, spring, damper = self._bias[:, i].tolist()
-        force = self._gain[i] * self._data.ctrl[self._at[i]] + constant + spring * (first + now) / 2.0
-        force += damper * (now - first) / elapsed_s
+        rate = (now - first) / elapsed_s
+        mean = (first + now) / 2.0 - rate * self._half_step_s
+        force = self._gain[i] * self._data.ctrl[self._at[i]] + constant + spring * mean + damper * rate
         return float(self._gear[i] * min(max(force, self._limit[0, i]), self._limit[1, i]))
 
 
