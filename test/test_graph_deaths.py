@@ -159,9 +159,12 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     # The driver is stopped in order: it releases everything before it ends, and nobody misses it.
     ended_s = processes.send("driver", signal.SIGTERM)
     probe.spin_until(lambda: processes.running["driver"].poll() is not None, "the driver has ended")
-    witness.until("driver ended: released", ended_s, lambda: not witness.energised())
+    witness.until(
+        "driver ended: released",
+        ended_s,
+        lambda: not witness.energised() and not probe.last(ACTUATOR_STATES).host_silent,
+    )
     assert processes.running["driver"].returncode == 0
-    assert not probe.last(ACTUATOR_STATES).host_silent
     processes.start("driver", "use_sim_time:=true")
     probe.spin_until(lambda: witness.energised() and witness.jammed(), "another driver jams again")
 
@@ -211,6 +214,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
         lambda: (line := witness.line("/driver: nodes")) is not None and "sim" in line.message,
         "the driver receives the simulation's",
     )
+    probe.spin_until(lambda: witness.line("/controller: nodes") is not None, "the controller is there again")
 
     # The simulation dies: there is no ankle any more.
     dead_s = processes.send("sim", signal.SIGKILL)

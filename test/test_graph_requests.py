@@ -71,7 +71,8 @@ def test_a_second_up_in_the_namespace_is_refused(graph: tuple[Up, Probe], begin:
     up, probe = graph
     second = begin("up")
     assert second.wait() == 2
-    assert len(second.text().strip().splitlines()) == 1
+    assert "already up" in second.text().strip().splitlines()[-1]
+    assert "Traceback" not in second.text()
     assert up.process.poll() is None
     assert probe.call(JAM).success
     assert probe.call(UNJAM).success

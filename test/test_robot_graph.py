@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from processes import Processes
 
 TICKS = 20
-"""Enough for two that follow each other, where some are lost on the way."""
+PERIOD_NS = 4_000_000
+"""Of the clock, for nine nodes."""
 SENSORS = (IMU, PRESSURES[ACHILLES], TRUE_CONTACT, JOINT_STATES)
 
 
@@ -49,7 +50,8 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     manual = tmp_path / "manual.yaml"
     manual.write_text("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
     bag = tmp_path / "bag"
-    up = start("up", "--robot", "quadruped", "--speed", "0", "--params", str(manual), "--record", str(bag))
+    patient = ("-p", "sim:lockstep_timeout_s:=0.0")  # so that no board lets go of a foot while a driver gets no core
+    up = start("up", "--robot", "quadruped", "--speed", "0", "--params", str(manual), "--record", str(bag), *patient)
     probes = {ankle: make_probe(f"/{ankle}") for ankle in QUADRUPED_ANKLES}
     for ankle, probe in probes.items():
         probe.listen(JAM_STATE, *SENSORS)
@@ -73,11 +75,10 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     assert start("jam").wait() == 0
     for probe in probes.values():
         probe.wait_until_jammed()
-    assert len(probes["lf_ankle"].node.get_publishers_info_by_topic(CLOCK.name)) == 1
+    whole.spin_until(lambda: len(whole.node.get_publishers_info_by_topic(CLOCK.name)) == 1, "there is one clock")
     whole.received[CLOCK.name].clear()
-    whole.spin_until(lambda: len(whole.received[CLOCK.name]) > TICKS, "the clock ticks")
-    ticks_s = [tick.clock.sec + 1e-9 * tick.clock.nanosec for tick in whole.received[CLOCK.name]]
-    assert min(after - before for before, after in pairwise(ticks_s)) == pytest.approx(0.004)  # for nine nodes
+    whole.spin_until(lambda: len(whole.received[CLOCK.name]) > TICKS and period_ns(whole) <= PERIOD_NS, "it ticks")
+    assert period_ns(whole) == PERIOD_NS
     status = start("status", "--json", str(tmp_path / "status.json"))
     assert status.wait() == 0
     found = json.loads((tmp_path / "status.json").read_text())
@@ -98,6 +99,12 @@ def test_a_quadruped_stands_jams_and_is_recorded(
             ChannelJamState.UNJAMMED,
             ChannelJamState.UNKNOWN,
         }
+
+
+def period_ns(probe: Probe) -> int:
+    """Return the least time between two ticks that came, ns; a tick that is repeated counts once."""
+    ticks_ns = sorted({tick.clock.sec * 10**9 + tick.clock.nanosec for tick in probe.received[CLOCK.name]})
+    return min((after - before for before, after in pairwise(ticks_ns)), default=PERIOD_NS + 1)
 
 
 def nodes_line(probe: Probe, of: str) -> DiagnosticStatus:
@@ -121,12 +128,16 @@ def test_an_ankle_and_the_simulation_above_it_miss_each_other(
     )
     probe.spin_until(lambda: "/sim" in nodes_line(probe, f"/{kept}").message, "the ankle receives the simulation's")
     processes.send(QUADRUPED_ANKLES[0], signal.SIGKILL)
-    probe.spin_until(lambda: f"{lost} is dead" in nodes_line(probe, "/sim").message, "the driver is missed")
+
+    def missed_alone() -> bool:
+        said = nodes_line(probe, "/sim").message
+        return f"{lost} is dead" in said and f"{kept} is dead" not in said
+
+    probe.spin_until(missed_alone, "the driver is missed, and it alone")
     found = nodes_line(probe, "/sim")
     assert found.level == DiagnosticStatus.ERROR
-    assert f"{kept} is dead" not in found.message
     assert float({each.key: each.value for each in found.values}[f"{lost}, silent for (s)"]) > 2.0
-    assert "dead" not in nodes_line(probe, f"/{kept}").message
+    assert f"{lost} is dead" not in nodes_line(probe, f"/{kept}").message
     processes.send("sim", signal.SIGKILL)
     probe.spin_until(lambda: "/clock has not ticked" in nodes_line(probe, f"/{kept}").message, "the clock is missed")
 
