@@ -111,8 +111,9 @@ class Probe:
 
         Only the latest time that /clock has shown counts: two simulations that both make it must not add up.
         """
-        waited_s, real_s, seen_s = 0.0, time.monotonic(), self._ticked_s
-        latest_s = seen_s
+        waited_s, real_s = 0.0, time.monotonic()
+        seen_s: float | None = None  # not what was shown before: time may have gone on while nobody looked
+        latest_s: float | None = None
         while not holds():
             now_s, ticked_s = time.monotonic(), self._ticked_s
             if ticked_s is not None and ticked_s != seen_s:

@@ -84,7 +84,8 @@ def beside_others(
     """Look at the ROS graph for another one.
 
     Before a simulation it is looked for a second only: who starts it looks on afterwards, see `refuse_if_doubled`.
-    Nodes of real hardware are not started before discovery has had all its time. Without a client, one is made.
+    Discovery gets all its time before nodes of real hardware, and before an ankle with a namespace, which may have to
+    take its time from another one. Without a client, one is made.
 
     Returns:
         The options, without a /clock of its own where simulated time already comes from another ankle.
@@ -96,7 +97,8 @@ def beside_others(
     if client is None:
         with GraphClient(options.namespace, asked_to_stop, LOOKERS) as alone:
             return beside_others(options, asked_to_stop, alone)
-    look_s = LOOK_S if options.hardware == SIM_HARDWARE else DISCOVERY_S
+    is_alone = options.hardware == SIM_HARDWARE and options.namespace == "/"
+    look_s = LOOK_S if is_alone else DISCOVERY_S
     owner = refuse_if_there(client, node_names(options), look_s)
     if not owner or options.hardware != SIM_HARDWARE:
         return options
