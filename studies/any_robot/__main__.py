@@ -34,8 +34,9 @@ def main(
     left = [each for each in wanted if each not in known]
     with file.open("a") as kept:
         for case in Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(run_case)(each) for each in left):
-            done.append(dataclasses.asdict(case))
-            kept.write(json.dumps(done[-1]) + "\n")
+            line = json.dumps(dataclasses.asdict(case))
+            done.append(json.loads(line))  # as it is read when it goes on
+            kept.write(line + "\n")
             kept.flush()
     typer.echo(figures([each for each in done if each["seed"] in wanted]))
 
