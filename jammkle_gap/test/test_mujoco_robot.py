@@ -12,6 +12,7 @@ import robot_arm
 
 from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.bags import run_of_bag
+from jammkle_gap.mujoco.corrected import corrected_of
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import FloorGive, scales_of
 from jammkle_gap.mujoco.offer import groups_of, offer_of
@@ -272,6 +273,32 @@ def test_joint_that_stands_has_the_noise_of_the_others(tmp_path: Path, recorded:
     flat = {("wrist", Sense.FORCE): tuple(Track(recorded["time_s"], 0.0 * recorded["time_s"]) for _ in AXES)}
     with pytest.raises(BadRecordingError, match=r"wrist/force.x never changes .* give it in the map"):
         recordings_of(replace(robot, senses=tuple(flat)), [replace(runs[0], sensed=flat)], 2.0, 20.0)
+
+
+GEARED = """
+    <motor name="winch" tendon="cable"/>
+    <position name="yaw" joint="yaw" kp="0.6" kv="0.03" gear="10" forcerange="-8 6"/>
+    <position name="shoulder" joint="shoulder" kp="120" kv="5" gear="-1"/>
+    <position name="elbow" joint="elbow" kp="60" kv="2.5"/>
+"""
+CABLE = '<tendon><fixed name="cable"><joint joint="elbow" coef="0.1"/></fixed></tendon><actuator>'
+
+
+def test_gear_of_an_actuator_changes_nothing_but_its_numbers(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Commands are of the joint, whatever the gear; the corrected model has the gear, and the right actuator."""
+    _, plain, (compared,) = made(tmp_path, recorded)
+    model = robot_arm.write_model(tmp_path, GEARED)
+    model.write_text(model.read_text().replace("<actuator>", CABLE))
+    _, robot = matched(model, [robot_arm.run("one", recorded)])
+    simulator = RobotSimulator(robot, offer_of(robot, scales_of(robot, [compared])).changes)
+    without, geared = plain(compared, {}), simulator(compared, {})
+    for signal in compared.signals:
+        assert geared[signal.name] == pytest.approx(without[signal.name], abs=1e-6), signal.name
+    values = {"position_gain_yaw.scale": 0.7}
+    corrected = corrected_of(robot, simulator.machine(values), values, tmp_path)
+    yaw = robot_arm.mujoco.MjModel.from_xml_string(corrected.xml).actuator("yaw")
+    assert (yaw.gear[0], yaw.gainprm[0], yaw.biasprm[1]) == pytest.approx((10.0, 0.42, -0.42))
+    assert yaw.forcerange == pytest.approx([-8.0, 6.0])
 
 
 BALL = """

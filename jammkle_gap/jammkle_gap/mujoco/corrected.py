@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _BY_BODY = ("mass", "inertia", "ipos", "iquat", "pos")
 _BY_DOF = ("damping", "frictionloss", "armature")
-_BY_ACTUATOR = ("gainprm", "biasprm", "forcerange")
 _UNSAID = (
     "delay_s",
     "arrival_s",
@@ -125,8 +124,11 @@ def _put_drives(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) ->
             gains[drive.joint] = Gains(float(actuator.gainprm[0]) if by_position else 0.0, -float(actuator.biasprm[2]))
             continue
         number = _actuator_of(model, drive.joint)
-        for field in _BY_ACTUATOR:
-            getattr(model, f"actuator_{field}")[number] = getattr(changed, f"actuator_{field}")[actuator.id]
+        gear = float(model.actuator_gear[number, 0])  # which `match` has put into the numbers
+        model.actuator_gainprm[number] = changed.actuator_gainprm[actuator.id] / gear**2
+        model.actuator_biasprm[number] = changed.actuator_biasprm[actuator.id] / gear**2
+        model.actuator_biasprm[number, 0] *= gear
+        model.actuator_forcerange[number] = np.sort(changed.actuator_forcerange[actuator.id] / gear)
     return gains
 
 
@@ -148,7 +150,8 @@ def _put_flags(
 
 def _actuator_of(model: mujoco.MjModel, joint: str) -> int:
     own = model.joint(joint).id
-    return next(k for k in range(model.nu) if int(model.actuator_trnid[k, 0]) == own)
+    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    return next(k for k in range(model.nu) if on_joint[k] and int(model.actuator_trnid[k, 0]) == own)
 
 
 def closing_of(

@@ -364,9 +364,28 @@ def _made_drives(
             actuator.name = joint
         if gains is not None:
             _become_pd(actuator, gains, wanted)
+        else:
+            _take_gear(actuator)
         leading = wanted is Quantity.POSITION and Quantity.VELOCITY in quantities
         drives.append(Drive(joint, actuator.name, wanted, leading))
     return tuple(drives), tuple(estimated)
+
+
+def _take_gear(actuator: mujoco.MjsActuator) -> None:
+    """Put the gear of an actuator into its numbers, so that set points are of the joint, as commands of ROS are.
+
+    MuJoCo's force `gain ctrl + b0 + b1 g q + b2 g dq` acts on the joint g times, with `ctrl` of g times the joint.
+    """
+    gear = float(actuator.gear[0])
+    if gear == 1.0:
+        return
+    actuator.gainprm = gear**2 * np.array(actuator.gainprm)
+    powers = np.full_like(actuator.biasprm, gear**2)
+    powers[0] = gear
+    actuator.biasprm = powers * np.array(actuator.biasprm)
+    actuator.forcerange = np.sort(gear * np.array(actuator.forcerange))
+    actuator.ctrlrange = np.sort(np.array(actuator.ctrlrange) / gear)
+    actuator.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 def _become_pd(actuator: mujoco.MjsActuator, gains: Gains, wanted: Quantity) -> None:
