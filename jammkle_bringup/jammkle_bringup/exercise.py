@@ -13,9 +13,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Duration
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -333,9 +334,10 @@ class _Session:
             )
             for place, at_s in enumerate(time_s)
         ]
-        stamp = [0, 0] if begins_s is None else divmod(round(begins_s * NANOSECONDS_PER_SECOND), NANOSECONDS_PER_SECOND)
-        header = Header(stamp=Time(sec=stamp[0], nanosec=stamp[1]))
-        self._trajectory.publish(JointTrajectory(header=header, joint_names=list(angles), points=points))
+        trajectory = JointTrajectory(joint_names=list(angles), points=points)
+        if begins_s is not None:
+            trajectory.header.stamp = Time(nanoseconds=round(begins_s * NANOSECONDS_PER_SECOND)).to_msg()
+        self._trajectory.publish(trajectory)
 
     def _take_clock(self, tick: Clock) -> None:
         self._received.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND

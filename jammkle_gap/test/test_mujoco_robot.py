@@ -277,7 +277,7 @@ def test_joint_that_stands_has_the_noise_of_the_others(tmp_path: Path, recorded:
 
 GEARED = """
     <motor name="winch" tendon="cable"/>
-    <position name="yaw" joint="yaw" kp="0.6" kv="0.03" gear="10" forcerange="-8 6"/>
+    <position name="yaw" jointinparent="yaw" kp="0.6" kv="0.03" gear="10" forcerange="-8 6"/>
     <position name="shoulder" joint="shoulder" kp="120" kv="5" gear="-1"/>
     <position name="elbow" joint="elbow" kp="60" kv="2.5"/>
 """

@@ -150,7 +150,8 @@ def _put_flags(
 
 def _actuator_of(model: mujoco.MjModel, joint: str) -> int:
     own = model.joint(joint).id
-    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
+    on_joint = np.isin(model.actuator_trntype, kinds)
     return next(k for k in range(model.nu) if on_joint[k] and int(model.actuator_trnid[k, 0]) == own)
 
 
