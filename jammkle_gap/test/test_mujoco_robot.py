@@ -28,6 +28,7 @@ from jammkle_gap.mujoco.runs import (
 )
 from jammkle_gap.mujoco.simulator import RobotSimulator, scale_of
 from jammkle_gap.mujoco.windows import recordings_of, repeats_of
+from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,6 +127,64 @@ def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Sam
     assert "neither commands" in refusal(tmp_path, run)
     assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})
     assert "names joint wrist" in refusal(tmp_path, run, {"gains": {"wrist": {"kp": 1}}})
+
+
+def test_units_that_only_commands_or_times_have_are_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Commands in degrees, times in milliseconds: one line each, with what would be right; and then it is."""
+    asked = {key: np.degrees(values) if key.startswith("command") else values for key, values in recorded.items()}
+    run = robot_arm.run("one", asked, without=("effort",))
+    assert "moves by 0.0" in refusal(tmp_path, run)
+    assert "commands: {units: degrees}" in refusal(tmp_path, run)
+    runs, robot = matched(robot_arm.write_model(tmp_path), [run], {"commands": {"units": "degrees"}})
+    assert worst_left(robot, cut(runs, robot)) < 1.5
+    late = {**recorded, "time_s": 1000.0 * recorded["time_s"]}
+    with pytest.raises(BadRecordingError, match=r"10 s between positions of joint yaw.*times in seconds"):
+        robot_arm.run("one", late)
+
+
+FED = """
+<mujoco model="pendulum">
+  <compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
+  <worldbody><body name="rod"><inertial pos="0.3 0 0" mass="2" diaginertia="0.01 0.01 0.01"/>
+    <joint name="hip" axis="0 1 0" damping="0.1"/></body></worldbody>
+  <actuator><motor name="hip" joint="hip"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("fed", [True, False])
+def test_efforts_beside_positions_are_fed_forward(tmp_path: Path, *, fed: bool) -> None:
+    """A controller adds commanded efforts to its own; a model without them sags."""
+    file = tmp_path / "pendulum.xml"
+    file.write_text(FED)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data, rows = mujoco.MjData(model), []
+    time_s = 0.002 * np.arange(2000)
+    wave = 0.5 * np.sin(4.0 * time_s) * np.minimum(time_s, 1.0)
+    for command in wave:
+        effort = -2.0 * 9.81 * 0.3 * np.cos(command)
+        rows.append((data.qpos[0], command, effort))
+        data.ctrl[0] = 40.0 * (command - data.qpos[0]) - 2.0 * data.qvel[0] + effort
+        mujoco.mj_step(model, data)
+    position, command, effort = np.array(rows).T
+    position += np.random.default_rng(1).normal(0.0, 1e-4, len(position))
+    asked = {"hip.position": command, **({"hip.effort": effort} if fed else {})}
+    run = run_of_arrays("one", time_s, {"hip.position": position}, asked)
+    runs, robot = matched(file, [run], {"gains": {"hip": {"kp": 40, "kd": 2}}})
+    left = worst_left(robot, cut(runs, robot))
+    assert left < 3.0 if fed else left > 100.0
+
+
+def test_joints_that_joint_states_cannot_have_are_held_and_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A joint without a name and a ball joint do not swing in silence."""
+    model = robot_arm.write_model(tmp_path)
+    hung = """<body pos="0 0 0.2"><joint axis="0 1 0"/><geom size="0.05" mass="1"/>
+      <body pos="0 0 0.1"><joint type="ball"/><geom size="0.05" mass="1"/></body></body><body name="upper">"""
+    model.write_text(model.read_text().replace('<body name="upper">', hung))
+    _, robot = matched(model, [robot_arm.run("one", recorded)])
+    assert robot.locked == ("body_1_joint_1",)
+    assert any("locked where it has them" in note and "body_1_joint_1" in note for note in robot.notes)
+    assert any("ball joints are held" in note and "body_2_joint_1" in note for note in robot.notes)
+    assert not (robot.model.jnt_type == int(mujoco.mjtJoint.mjJNT_BALL)).any()
 
 
 def test_controller_is_estimated_from_efforts(tmp_path: Path, recorded: robot_arm.Samples) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline  # type: ignore[import-untyped]  # carries no types
+from scipy.interpolate import BPoly  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
@@ -210,7 +212,7 @@ class _Commands:
     def __init__(self, order: Sequence[str], quantity: Quantity, bag: str) -> None:
         self._order, self._quantity, self._bag = tuple(order), quantity, bag
         self._points: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
-        self._trajectories: dict[str, list[tuple[float, NDArray[np.float64], NDArray[np.float64], Any]]] = {}
+        self._trajectories: dict[tuple[str, Quantity], list[_Trajectory]] = {}
         self.notes: list[str] = []
 
     def take(self, message_type: str, time_s: float, message: Any) -> None:
@@ -241,11 +243,18 @@ class _Commands:
         lasts = [point.time_from_start for point in message.points]
         at_s = np.array([each.sec + each.nanosec / NANOSECONDS_PER_SECOND for each in lasts])
         for column, joint in enumerate(message.joint_names):
-            positions = np.array([point.positions[column] for point in message.points if len(point.positions)])
-            velocities = np.array([point.velocities[column] for point in message.points if len(point.velocities)])
-            if len(positions) == len(at_s) and len(at_s):
-                given = velocities if len(velocities) == len(at_s) else None
-                self._trajectories.setdefault(joint, []).append((time_s, at_s, positions, given))
+            rows = [
+                np.array([getattr(point, name)[column] for point in message.points if len(getattr(point, name))])
+                for name in ("positions", "velocities", "accelerations", "effort")
+            ]
+            if not len(at_s) or len(rows[0]) != len(at_s):
+                continue
+            derivatives = list(itertools.takewhile(lambda row: len(row) == len(at_s), rows[:3]))
+            played = _Trajectory(time_s, at_s, np.column_stack(derivatives))
+            self._trajectories.setdefault((joint, Quantity.POSITION), []).append(played)
+            if len(rows[3]) == len(at_s):
+                fed = _Trajectory(time_s, at_s, rows[3][:, np.newaxis])
+                self._trajectories.setdefault((joint, Quantity.EFFORT), []).append(fed)
 
     def tracks(self, measured: Tracks) -> Tracks:
         """Return all set points; a joint without any before its first trajectory is where it was measured."""
@@ -253,10 +262,10 @@ class _Commands:
         for key, (times, values) in self._points.items():
             order = np.argsort(times, kind="stable")
             found[key] = held(Track(np.array(times)[order], np.array(values)[order]))
-        for joint, trajectories in self._trajectories.items():
-            start = measured.get((joint, Quantity.POSITION))
-            first = trajectories[0][2][0] if start is None else start.values[0]
-            found[joint, Quantity.POSITION] = _played(trajectories, float(first))
+        for key, trajectories in self._trajectories.items():
+            start = measured.get(key) if key[1] is Quantity.POSITION else None
+            first = trajectories[0].points[0, 0] if start is None else start.values[0]
+            found[key] = _played(trajectories, float(first))
         return found
 
 
@@ -264,21 +273,35 @@ _SPLINE_S = 0.005
 """Between the points at which a spline is taken, s. Chosen: a controller's own rate is 100 to 1000 Hz."""
 
 
-def _played(trajectories: Sequence[tuple[float, Any, Any, Any]], start: float) -> Track:
+@dataclass(frozen=True)
+class _Trajectory:
+    """What a message asks of a joint."""
+
+    begin_s: float
+    at_s: NDArray[np.float64]
+    """Since then, shape (points,), s."""
+    points: NDArray[np.float64]
+    """Value, and its first and second derivative as far as they are given, shape (points, 1 to 3)."""
+
+
+def _played(trajectories: Sequence[_Trajectory], start: float) -> Track:
     """Return the set point of a joint as joint_trajectory_controller plays trajectories, each until the next.
 
-    Straight from point to point, and by cubic splines where velocities are given, from where it is at the beginning.
+    Straight from point to point, by cubic splines where velocities are given, and by quintic ones where accelerations
+    are, too, from where it is at the beginning.
     """
-    times, values = [trajectories[0][0]], [start]
-    ends = [each[0] for each in trajectories[1:]] + [np.inf]
-    for (begin_s, at_s, positions, velocities), end_s in zip(trajectories, ends, strict=True):
+    times, values = [trajectories[0].begin_s], [start]
+    ends = [each.begin_s for each in trajectories[1:]] + [np.inf]
+    for each, end_s in zip(trajectories, ends, strict=True):
+        begin_s, at_s, positions = each.begin_s, each.at_s, each.points[:, 0]
         own, points = [0.0], [values[-1]]
         keep = at_s > 0.0
         if keep.any():
-            knots, through = np.append(0.0, at_s[keep]), np.append(values[-1], positions[keep])
-            own, points = knots.tolist(), through.tolist()
-            if velocities is not None and knots.size > 1:
-                spline = CubicHermiteSpline(knots, through, np.append(0.0, velocities[keep]))
+            first = [values[-1], *(0.0 for _ in range(each.points.shape[1] - 1))]
+            knots, through = np.append(0.0, at_s[keep]), np.vstack([first, each.points[keep]])
+            own, points = knots.tolist(), through[:, 0].tolist()
+            if each.points.shape[1] > 1:
+                spline = BPoly.from_derivatives(knots, through)
                 fine = np.linspace(0.0, knots[-1], max(int(knots[-1] / _SPLINE_S), 2))
                 own, points = fine.tolist(), spline(fine).tolist()
         else:  # at once

@@ -123,7 +123,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     excluded = {offer.library.effect(name).name for name in without}
     offered = tuple(effect for effect in offered if effect.name not in excluded)
     simulator = RobotSimulator(robot, offer.changes)
-    _check_efforts(simulator, compared)
+    doubts = _check_efforts(simulator, compared)
     library = promising(simulator, offer, Library(offered), compared, jobs, progress)
     problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
@@ -139,6 +139,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     notes = (
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),
+        *doubts,
         f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
         f"{CORRECTED_NAME} has in it the constants of the machine{_beside(within, found)}",
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
@@ -150,8 +151,8 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     )
 
 
-def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> None:
-    """Refuse efforts that are of another unit than the model's, as currents are.
+def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> list[str]:
+    """Refuse efforts that are of another unit or sign than the model's, as currents are; note those that may be.
 
     Raises:
         BadRobotError: as said.
@@ -159,23 +160,32 @@ def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -
     """
     robot = simulator.robot
     made = [simulator(each, {}) for each in recordings]
+    found: dict[str, float] = {}
     for joint in robot.efforts:
         name = f"{joint}/effort"
         read = np.concatenate([each.signal(name).values for each in recordings])
         model = np.concatenate([each[name] for each in made])
         share = float(read @ model) / max(float(model @ model), 1e-12)
         correlation = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
-        if abs(correlation) > _CORRELATED and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
-            msg = f"efforts of joint {joint} are {share:.3g} of what the model takes for the same motion"
-            msg += f"; if they are currents write 'torque_constants: {{{joint}: {1.0 / share:.3g}}}' into a map (N m/A)"
-            msg += f", if their sign is another 'joints: {{{joint}: {{sign: -1}}}}'" if share < 0.0 else ""
-            raise BadRobotError(msg)
+        if abs(correlation) > _CORRELATED and not 1.0 / _DOUBTED < share < _DOUBTED:
+            found[joint] = share
+    if not found:
+        return []
+    shares = ", ".join(f"{share:.3g} (joint {joint})" for joint, share in found.items())
+    constants = ", ".join(f"{joint}: {1.0 / share:.3g}" for joint, share in found.items())
+    msg = f"efforts are {shares} of what the model takes for the same motion; if they are currents, or of another sign"
+    msg += f", write 'torque_constants: {{{constants}}}' into a map (N m/A)"
+    if all(1.0 / _OTHER_UNIT < share < _OTHER_UNIT for share in found.values()):
+        return [msg]
+    raise BadRobotError(msg)
 
 
 _CORRELATED = 0.8
 """Correlation from which on an effort is taken for the model's in another unit."""
 _OTHER_UNIT = 3.0
 """How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
+_DOUBTED = 1.25
+"""The same from which on the notes ask whether it is a current. Chosen: torque constants are known within a tenth."""
 
 
 def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:

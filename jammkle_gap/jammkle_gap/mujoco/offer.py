@@ -179,9 +179,9 @@ def _sentence(family: Family, where: str) -> str:
 
 
 def moving_bodies(robot: Robot) -> list[str]:
-    """Return the bodies with a mass that a measured joint moves, in the model's order."""
+    """Return the bodies with a mass that a measured joint moves, or one that follows it, in the model's order."""
     model = robot.model
-    roots = {int(model.joint(name).bodyid[0]) for name in robot.joints}
+    roots = {int(model.joint(name).bodyid[0]) for name in (*robot.joints, *robot.followers)}
     found = []
     for number in range(1, model.nbody):
         above = number

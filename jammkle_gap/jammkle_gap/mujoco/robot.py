@@ -7,12 +7,14 @@ and actuators take what the recordings command. A PD controller of the map becom
 from __future__ import annotations
 
 import difflib
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_gap.mujoco.carried import BASE_JOINTS, carry_base, carry_joint
+from jammkle_gap.mujoco.coupled import followers_of
 from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
 
@@ -51,6 +53,8 @@ class Drive:
     """POSITION or VELOCITY, as its set point is."""
     leading: bool
     """Whether commanded velocities are fed forward by its kd."""
+    feeding: bool
+    """Whether commanded efforts are fed forward."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,8 @@ class Robot:
     """Sensors at sites that are compared."""
     carried: tuple[str, ...] = ()
     """Joints that move as they were measured; those of a measured base come last."""
+    followers: tuple[str, ...] = ()
+    """Joints that nobody measured and that equalities of the model couple to measured ones."""
 
     def is_turning(self, joint: str) -> bool:
         """Return whether a joint is a hinge, in rad and N m, and no slide, in m and N."""
@@ -82,6 +88,12 @@ class Robot:
     def dof(self, joint: str) -> int:
         """Return the degree of freedom of a joint."""
         return int(self.model.joint(joint).dofadr[0])
+
+    def following(self) -> list[int]:
+        """Return the degrees of freedom of the followers."""
+        return [
+            dof for dof in range(self.model.nv) if self.model.joint(self.model.dof_jntid[dof]).name in self.followers
+        ]
 
 
 def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
@@ -101,35 +113,41 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     scalar = [
         model.joint(k).name
         for k in range(model.njnt)
-        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name and model.joint(k).name not in held
+        if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name not in held
     ]
     notes: list[str] = []
-    measured, locked = _matched_joints(file, scalar, runs, given, notes)
+    measured, missing = _matched_joints(file, scalar, runs, given, notes)
+    followers = _followers(model, measured, given, notes)
+    missing = [joint for joint in missing if joint not in followers]
+    if missing:
+        notes.append(f"joints of the model that nobody measured are locked where it has them: {', '.join(missing)}")
+    locked = [*given.locked, *missing]
+    _hold_balls(spec, followers, notes)
     _check_units(model, measured, runs, given)
     commanded = _commanded(runs, measured)
     drives: tuple[Drive, ...] = ()
     estimated: tuple[str, ...] = ()
+    asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
     carried = [joint for joint in measured if joint in given.carried]
     commanded = {joint: each for joint, each in commanded.items() if joint not in carried}
     others = [joint for joint in measured if joint not in {*commanded, *carried}]
-    carried += _left_to_others(spec, model, others, notes, by_commands=bool(commanded))
+    carried += _left_to_others(spec, model, others, asked, notes, by_commands=bool(commanded))
     if commanded:
         drives, estimated = _made_drives(spec, commanded, runs, given, notes)
+        _check_commands(drives, runs)
     known = {joint for run in runs for joint, quantity in run.measured if quantity is Quantity.EFFORT}
     measured = [joint for joint in measured if joint not in carried]
     efforts = [joint for joint in measured if joint in known]
     if not drives:
-        asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
         efforts = [joint for joint in measured if joint in known | asked]
         if not efforts:
             msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
             msg += "; record the topic of the commands, or joint_states with efforts"
             raise BadRobotError(msg)
-        notes.append(
-            f"no commands were recorded: efforts of {', '.join(efforts)} are compared with those of the motion"
-        )
+        why = "no positions or velocities were commanded" if asked else "no commands were recorded"
+        notes.append(f"{why}: efforts of {', '.join(efforts)} are compared with those of the motion")
     _put_base(spec, runs, given, notes, forward=bool(drives))
-    _switch_off(spec, (*locked, *carried))
+    _switch_off(spec, (*locked, *carried, *followers))
     for joint in locked:
         spec.joint(joint).armature = _LOCKING
     for joint in carried:
@@ -160,6 +178,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
         tuple(notes),
         senses,
         (*carried, *(BASE_JOINTS if given.base is Base.MEASURED else ())),
+        followers,
     )
 
 
@@ -198,8 +217,31 @@ def _matched_senses(
     return tuple(key for key in everywhere if key[0] in sites)
 
 
+def _followers(model: mujoco.MjModel, measured: Sequence[str], given: RobotMap, notes: list[str]) -> tuple[str, ...]:
+    """Return the joints that equalities couple to measured ones."""
+    found = [model.joint(joint).name for joint in followers_of(model, [model.joint(name).id for name in measured])]
+    found = [name for name in found if name not in given.locked]
+    if found:
+        notes.append(f"nobody measured {', '.join(found)}: the model's equalities say where they are")
+    return tuple(found)
+
+
+def _hold_balls(spec: mujoco.MjSpec, followers: Sequence[str], notes: list[str]) -> None:
+    """Hold ball joints that follow nothing where the model has them: joint states do not have them."""
+    balls = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_BALL and each.name not in followers]
+    if balls:
+        notes.append(f"ball joints are held where the model has them: {', '.join(each.name for each in balls)}")
+    _delete(spec, balls)
+
+
+def _delete(spec: mujoco.MjSpec, joints: Sequence[mujoco.MjsJoint]) -> None:
+    """Take joints out of a model, and its keys, whose positions are of other joints then."""
+    for each in (*joints, *(list(spec.keys) if joints else ())):
+        spec.delete(each)
+
+
 def load(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Read a model.
+    """Read a model; bodies and joints without a name get one.
 
     Raises:
         BadRobotError: MuJoCo cannot load it.
@@ -210,6 +252,12 @@ def load(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     except (ValueError, OSError) as error:
         msg = f"model {file} cannot be loaded: {' '.join(str(error).split())}"
         raise BadRobotError(msg) from error
+    taken = {each.name for each in (*spec.bodies, *spec.joints)}
+    for each, kind in (*((body, "body") for body in spec.bodies), *((joint, "joint") for joint in spec.joints)):
+        if not each.name:
+            where = kind if kind == "body" else f"{each.parent.name}_joint"
+            each.name = next(name for k in itertools.count(1) if (name := f"{where}_{k}") not in taken)
+            taken.add(each.name)
     return spec, _compiled(spec, file)
 
 
@@ -224,7 +272,7 @@ def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
 def _matched_joints(
     file: Path, scalar: Sequence[str], runs: Sequence[Run], given: RobotMap, notes: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Return the model's joints that all recordings measure, and those that are locked.
+    """Return the model's joints that all recordings measure, and those that none does and nobody locked.
 
     Raises:
         BadRobotError: a name of the map or of a recording has no joint that it could mean.
@@ -255,9 +303,7 @@ def _matched_joints(
     if some:
         msg = f"joint {some[0]} is measured in some recordings and not in others; lock it, or leave these out"
         raise BadRobotError(msg)
-    if missing:
-        notes.append(f"joints of the model that nobody measured are locked where it has them: {', '.join(missing)}")
-    return measured, [*given.locked, *missing]
+    return measured, missing
 
 
 def _check_units(model: mujoco.MjModel, joints: Sequence[str], runs: Sequence[Run], given: RobotMap) -> None:
@@ -303,6 +349,34 @@ def _commanded(runs: Sequence[Run], measured: Sequence[str]) -> dict[str, set[Qu
             msg += "; diagnose them apart"
             raise BadRobotError(msg)
     return found[0]
+
+
+def _check_commands(drives: Sequence[Drive], runs: Sequence[Run]) -> None:
+    """Refuse commanded positions that a joint follows, but in another unit.
+
+    Raises:
+        BadRobotError: as said.
+
+    """
+    for drive in drives:
+        if drive.quantity is not Quantity.POSITION:
+            continue
+        for run in runs:
+            read = run.measured[drive.joint, Quantity.POSITION]
+            asked = run.commands[drive.joint, Quantity.POSITION].at(read.time_s)
+            moved, wanted = read.values - read.values.mean(), asked - asked.mean()
+            size = float(np.linalg.norm(moved) * np.linalg.norm(wanted))
+            share = float(moved @ wanted) / max(float(wanted @ wanted), 1e-12)
+            if float(moved @ wanted) > _FOLLOWS * size and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
+                msg = f"joint {drive.joint} of recording {run.name} moves by {share:.3g} of what is commanded"
+                msg += "; write 'commands: {units: degrees}', or radians, into the map, if angles of one are in degrees"
+                raise BadRobotError(msg)
+
+
+_FOLLOWS = 0.8
+"""Correlation of position and command from which on a joint follows."""
+_OTHER_UNIT = 10.0
+"""How many times what is commanded a joint may move. Chosen: degrees are 57 rad, and no drive is as soft as this."""
 
 
 def _actuators(spec: mujoco.MjSpec, joint: str) -> list[mujoco.MjsActuator]:
@@ -367,7 +441,7 @@ def _made_drives(
         else:
             _take_gear(actuator)
         leading = wanted is Quantity.POSITION and Quantity.VELOCITY in quantities
-        drives.append(Drive(joint, actuator.name, wanted, leading))
+        drives.append(Drive(joint, actuator.name, wanted, leading, Quantity.EFFORT in quantities))
     return tuple(drives), tuple(estimated)
 
 
@@ -416,7 +490,8 @@ def _estimated_gains(runs: Sequence[Run], joint: str, wanted: Quantity) -> Gains
         asked = run.commands[joint, wanted].at(position.time_s)
         error = asked - (position.values if wanted is Quantity.POSITION else rate)
         rows.append(np.column_stack([error, -rate, np.ones_like(rate)]))
-        efforts.append(effort.at(position.time_s))
+        fed = run.commands.get((joint, Quantity.EFFORT))
+        efforts.append(effort.at(position.time_s) - (0.0 if fed is None else fed.at(position.time_s)))
     table = np.concatenate(rows)
     if wanted is Quantity.VELOCITY:
         table[:, 1] = 0.0
@@ -433,18 +508,24 @@ def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: 
         return
     if given.base is Base.FREE and forward:
         return
-    for joint in list(spec.joints):
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-            notes.append(f"the floating base ({joint.name or joint.parent.name}) is held where the model has it")
-            spec.delete(joint)
-            for key in list(spec.keys):
-                spec.delete(key)  # its positions are of other joints now
+    free = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE]
+    notes += [f"the floating base ({each.parent.name}) is held where the model has it" for each in free]
+    _delete(spec, free)
 
 
 def _left_to_others(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, others: Sequence[str], notes: list[str], *, by_commands: bool
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    others: Sequence[str],
+    asked: set[str],
+    notes: list[str],
+    *,
+    by_commands: bool,
 ) -> list[str]:
     """Return the joints that an actuator moves, nobody knows how: their own, or that of a tendon which spans them.
+
+    Those whose efforts are commanded, in `asked`, are among them where others follow positions: an effort alone does
+    not keep a joint where it was measured.
 
     A tendon spans all joints that lie between its places.
     """
@@ -462,8 +543,13 @@ def _left_to_others(
         found |= {joint for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) in bodies}
     spanned = {model.joint(joint).name for joint in found}
     left = [joint for joint in others if joint in spanned or (by_commands and _actuators(spec, joint))]
-    if left:
-        notes.append(f"moved as measured, as nobody commands the actuators that act on them: {', '.join(left)}")
+    by_effort = [joint for joint in left if joint in asked]
+    if by_effort:
+        msg = f"moved as measured, as their efforts are commanded and not their positions: {', '.join(by_effort)}"
+        notes.append(f"{msg}; to compare these efforts, give recordings without the other commands")
+    uncommanded = [joint for joint in left if joint not in asked]
+    if uncommanded:
+        notes.append(f"moved as measured, as nobody commands the actuators that act on them: {', '.join(uncommanded)}")
     return left
 
 

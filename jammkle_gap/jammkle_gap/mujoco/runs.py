@@ -7,7 +7,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
       gripper: locked                                              # or: measured; or: elbow_joint: joint3
     units: degrees
     states: /joint_states                  # topic, where several hold the same joints
-    commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position}
+    commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position, units: degrees}
     gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
     torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
     base: held                             # or free, or measured: as odometry says
@@ -179,6 +179,8 @@ class RobotMap:
     """Joints of the model that move as they were measured, whatever acts on them."""
     degrees: bool | None = None
     """Whether angles are in degrees; None: radians, and doubted where the model's limits say so."""
+    command_degrees: bool | None = None
+    """Whether commanded angles are; None: as the others."""
     states: str | None = None
     """Topic of the joint states; None: all that there are."""
     topic: str | None = None
@@ -243,12 +245,8 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
                 msg = f"{where}, joint {name}: sign {sign:g} must be 1 or -1"
                 raise BadRobotError(msg)
             joints[str(name)] = JointMap(str(said.get("model", name)), sign, float(said.get("offset", 0.0)))
-    units = table.get("units")
-    if units not in {None, "degrees", "radians"}:
-        msg = f"{where}: units '{units}' must be degrees or radians"
-        raise BadRobotError(msg)
     commands = dict(table.get("commands") or {})
-    _check_keys(commands, ("topic", "order", "quantity"), f"{where}, commands")
+    _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
     gains = {}
     for name, said in dict(table.get("gains") or {}).items():
         _check_keys(said, ("kp", "kd"), f"{where}, gains of {name}")
@@ -264,7 +262,8 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         joints,
         tuple(locked),
         tuple(carried),
-        None if units is None else units == "degrees",
+        _in_degrees(table, where),
+        _in_degrees(commands, f"{where}, commands"),
         table.get("states"),
         commands.get("topic"),
         tuple(map(str, commands.get("order") or ())),
@@ -277,6 +276,14 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
         senses,
     )
+
+
+def _in_degrees(table: Mapping[str, Any], where: str) -> bool | None:
+    units = table.get("units")
+    if units not in {None, "degrees", "radians"}:
+        msg = f"{where}: units '{units}' must be degrees or radians"
+        raise BadRobotError(msg)
+    return None if units is None else units == "degrees"
 
 
 def _table(table: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -367,6 +374,8 @@ def _split_sensed(
     return found, rest
 
 
+LONGEST_STEP_S = 0.2
+"""Between readings, on the median. Chosen: a robot that moves once a second is differentiated by five of them."""
 FEWEST = 20
 """Samples of a recording. Chosen: fewer cannot be differentiated."""
 _TIME, _COMMAND = "time_s", "command."
@@ -406,7 +415,7 @@ def checked(run: Run) -> Run:
     """Return a run whose joints were measured.
 
     Raises:
-        BadRecordingError: none was, or too shortly.
+        BadRecordingError: none was, or too shortly, or too rarely.
 
     """
     if not run.joints():
@@ -417,14 +426,19 @@ def checked(run: Run) -> Run:
         if count < FEWEST:
             msg = f"recording {run.name} holds {count} positions of joint {joint}, fewer than {FEWEST}; record longer"
             raise BadRecordingError(msg)
+        between_s = float(np.median(np.diff(run.measured[joint, Quantity.POSITION].time_s)))
+        if between_s > LONGEST_STEP_S:
+            msg = f"recording {run.name} has {between_s:.4g} s between positions of joint {joint}, more than"
+            msg += f" {LONGEST_STEP_S:g} s; give times in seconds, and record at 5 Hz or more"
+            raise BadRecordingError(msg)
     return run
 
 
 def in_model_terms(run: Run, given: RobotMap) -> Run:
     """Return a run by the names, signs, zeros and units of the model."""
-    degrees = np.pi / 180.0 if given.degrees else 1.0
 
-    def moved(tracks: Tracks) -> Tracks:
+    def moved(tracks: Tracks, *, in_degrees: bool | None) -> Tracks:
+        degrees = np.pi / 180.0 if in_degrees else 1.0
         found = {}
         for (joint, quantity), track in tracks.items():
             asked = given.joints.get(joint, JointMap(joint))
@@ -441,7 +455,10 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
         x, y, z = (each.changed(asked.sign, 0.0) for each in axes)
         sensed[asked.site, sense] = (x, y, z)
     base = _unflipped(run.base)
-    return replace(run, measured=moved(run.measured), commands=moved(run.commands), sensed=sensed, base=base)
+    measured = moved(run.measured, in_degrees=given.degrees)
+    commanded = given.degrees if given.command_degrees is None else given.command_degrees
+    commands = moved(run.commands, in_degrees=commanded)
+    return replace(run, measured=measured, commands=commands, sensed=sensed, base=base)
 
 
 def _unflipped(base: tuple[Track, ...]) -> tuple[Track, ...]:

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 
 from jammkle_gap.core.simulate import InfeasibleError
 from jammkle_gap.mujoco.carried import carrying, drive_of
+from jammkle_gap.mujoco.coupled import Equalities
 from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
 from jammkle_gap.mujoco.runs import AXES, Base, Quantity
 from jammkle_sim.physics.engine import mujoco
@@ -53,6 +54,8 @@ class Motion:
     """Commanded on the grid, shape (n, drives)."""
     leading: Array
     """Commanded velocities, 0 where none are fed forward, shape (n, drives)."""
+    feeding: Array
+    """Commanded efforts that are fed forward, 0 where none are, shape (n, drives), N m or N."""
     starts_s: tuple[float, ...]
     """When each window that is compared begins, s."""
     window_s: float
@@ -394,6 +397,8 @@ def _asked(machine: Machine, motion: Motion) -> Array:
                 padded = np.pad(asked, half, mode="edge")
                 rate = rate + forward * (padded[2 * half :] - padded[: -2 * half]) / (2.0 * half * motion.step_s)
             asked = asked + kd / kp * rate
+        if drive.feeding:
+            asked = asked + motion.feeding[:, column] / float(actuator.gainprm[0])
         # Drives regulate what their encoders read.
         scale, offset = machine.scale.get(drive.joint, 1.0), machine.offset.get(drive.joint, 0.0)
         found[:, column] = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale
@@ -445,6 +450,12 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
             joint = model.joint(name)
             states[:, 1 + int(joint.qposadr[0])] += motion.start_shift[:, column]
             states[:, 1 + model.nq + int(joint.dofadr[0])] += motion.start_shift[:, len(motion.wandering) + column]
+    if machine.robot.followers:
+        equalities = Equalities(model, machine.robot.following())
+        for state in states:
+            position, velocity = state[1 : 1 + model.nq], state[1 + model.nq : 1 + model.nq + model.nv]
+            position[:] = equalities.placed(position)
+            velocity[:] = equalities.moved(position, velocity)
     return states
 
 
@@ -507,6 +518,7 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     dofs = [robot.dof(name) for name in robot.joints]
     dry = model.dof_frictionloss[dofs].copy()
     model.dof_frictionloss[:] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)  # what they hand on is added below
     grid = motion.step_s * np.arange(len(motion.position))
     read_s = np.minimum(grid + machine.delay_s, grid[-1])
     scales = np.array([machine.scale.get(name, 1.0) for name in robot.joints])
@@ -521,12 +533,19 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     carried_at, carried_by = [int(each.qposadr[0]) for each in held], [int(each.dofadr[0]) for each in held]
     addresses = _addresses(machine)
     sensed = np.empty((len(angle), len(addresses)))
+    poses, rates = np.tile(model.qpos0, (len(angle), 1)), np.zeros((len(angle), model.nv))
+    accelerations = np.zeros_like(rates)
+    poses[:, positions], rates[:, dofs], accelerations[:, dofs] = angle, rate, acceleration
+    if motion.carried is not None:
+        poses[:, carried_at], rates[:, carried_by], accelerations[:, carried_by] = motion.carried
+    _put_followers(machine, motion, poses, rates, accelerations)
+    unmoved = [*robot.following(), *(robot.dof(name) for name in robot.joints if name not in robot.efforts)]
+    equalities = Equalities(machine.robot.model, unmoved) if model.neq and unmoved else None
     for k in range(len(angle)):
-        data.qpos[positions], data.qvel[dofs], data.qacc[dofs] = angle[k], rate[k], acceleration[k]
-        if motion.carried is not None:
-            data.qpos[carried_at], data.qvel[carried_by], data.qacc[carried_by] = motion.carried[:, k]
+        data.qpos[:], data.qvel[:], data.qacc[:] = poses[k], rates[k], accelerations[k]
         mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[dofs]
+        effort = data.qfrc_inverse if equalities is None else equalities.handed_on(poses[k], data.qfrc_inverse)
+        torque[k] = effort[dofs]
         carried[k] = np.abs(data.qfrc_bias[dofs])
         sensed[k] = data.sensordata[addresses]
     still = np.array([machine.stribeck.get(name, (0.0, 1.0)) for name in robot.joints])
@@ -545,6 +564,19 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
         at_s = signal.time_s + motion.starts_s[0] - machine.effort_delay_s
         found[signal.name] = np.interp(at_s, grid, values)
     return found
+
+
+def _put_followers(machine: Machine, motion: Motion, poses: Array, rates: Array, accelerations: Array) -> None:
+    """Put where followers are, and how they move, into the motion of all joints; shapes (n, nq), (n, nv), (n, nv)."""
+    following = machine.robot.following()
+    if not following:
+        return
+    equalities = Equalities(machine.robot.model, following)
+    last = None
+    for k, pose in enumerate(poses):
+        pose[:] = last = equalities.placed(pose, last)
+        rates[k] = equalities.moved(pose, rates[k])
+    accelerations[:, following] = np.gradient(rates[:, following], motion.step_s, axis=0)
 
 
 def _turning(motion: Motion) -> Array:

@@ -155,13 +155,15 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     columns = [each.at(times)[:, np.newaxis] for each in led] + ([] if poses is None else [coordinates_of(poses)])
     carried = np.array(smoothed(np.hstack(columns))) if columns else None
     set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
-    leading = np.zeros_like(set_points)
+    leading, feeding = np.zeros_like(set_points), np.zeros_like(set_points)
     for column, drive in enumerate(robot.drives):
         if drive.leading:
             leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
-    position, velocity, acceleration = smoothed(readings)
-    motion = Motion(fine, position, velocity, acceleration, set_points, leading, (0.0,), end_s - begin_s, carried)
-    return motion, begin_s
+        if drive.feeding:
+            feeding[:, column] = run.commands[drive.joint, Quantity.EFFORT].mean_about(grid, fine)
+    length_s = end_s - begin_s
+    moved = smoothed(readings)
+    return Motion(fine, *moved, set_points, leading, feeding, (0.0,), length_s, carried), begin_s
 
 
 _LEAST_NORM = 0.1
