@@ -53,7 +53,7 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
         sensed = _Sensed(given)
         moving = [each for each in reader.connections if each.msgtype == _ODOMETRY and each.msgcount]
-        if given.base is Base.MEASURED and len({each.topic for each in moving}) > 1:
+        if given.base is not Base.HELD and len({each.topic for each in moving}) > 1:
             msg = f"bag {path} holds odometry on {', '.join(sorted(each.topic for each in moving))}"
             msg += "; leave all but one topic out of the bag"
             raise BadRecordingError(msg)

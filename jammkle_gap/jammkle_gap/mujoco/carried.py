@@ -6,12 +6,13 @@ takes, and pull back what strays. In place of a base's free joint there are thre
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError
+from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError, Quantity
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import Run
 
     Array = NDArray[np.float64]
 
-_COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
-BASE_JOINTS = tuple(f"jammkle base {each}" for each in _COORDINATES)
+COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
+"""Of a base: m, and rad about z, the new y and the new x in turn."""
+BASE_JOINTS = tuple(f"jammkle base {each}" for each in COORDINATES)
 """Joints that carry the base."""
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 0, 0))
 _HEAVY = 1e7
@@ -41,18 +44,13 @@ def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
         BadRobotError: the model has no floating base, or a recording no odometry.
 
     """
-    free = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE]
-    if len(free) != 1:
-        msg = (
-            f"the map says 'base: measured', and the model has {len(free)} free joints; write 'base: held' or one joint"
-        )
-        raise BadRobotError(msg)
+    free = free_joint(spec, "measured")
     without = [run.name for run in runs if not run.base]
     if without:
         msg = f"recording {without[0]} holds no odometry of the base; record nav_msgs/Odometry, or write 'base: held'"
         raise BadRobotError(msg)
-    body = free[0].parent
-    spec.delete(free[0])
+    body = free.parent
+    spec.delete(free)
     for key in list(spec.keys):
         spec.delete(key)  # its positions are of other joints now
     body.pos, body.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
@@ -60,6 +58,20 @@ def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
         kind = mujoco.mjtJoint.mjJNT_SLIDE if number < len(_AXES) // 2 else mujoco.mjtJoint.mjJNT_HINGE
         body.add_joint(name=name, type=kind, axis=axis)
         carry_joint(spec, name)
+
+
+def free_joint(spec: mujoco.MjSpec, wanted: str) -> mujoco.MjsJoint:
+    """Return the joint of a floating base.
+
+    Raises:
+        BadRobotError: there is none, or more than one.
+
+    """
+    free = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE]
+    if len(free) != 1:
+        msg = f"the map says 'base: {wanted}', and the model has {len(free)} free joints, not one; write 'base: held'"
+        raise BadRobotError(msg)
+    return free[0]
 
 
 def carry_joint(spec: mujoco.MjSpec, name: str) -> None:
@@ -95,3 +107,51 @@ def coordinates_of(poses: Array) -> Array:
     """Return the joints' positions from poses (x, y, z, and w, x, y, z of a quaternion); shapes (n, 7) and (n, 6)."""
     turns = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_euler("ZYX")
     return np.column_stack([poses[:, : len(BASE_COLUMNS) - 4], np.unwrap(turns, axis=0)])
+
+
+def state_of(coordinates: Array, rates: Array) -> tuple[Array, Array]:
+    """Return position and velocity of a free joint, shapes (7,) and (6,), as MuJoCo has them.
+
+    Args:
+        coordinates: By `COORDINATES`.
+        rates: Of these, 1/s.
+
+    """
+    turn = Rotation.from_euler("ZYX", coordinates[3:])
+    quaternion = turn.as_quat()[[3, 0, 1, 2]]
+    pitch, roll = coordinates[4:]
+    yawing, pitching, rolling = rates[3:]
+    # Rates of angles in turn, as a vector in the body's own frame.
+    spin = [
+        rolling - yawing * np.sin(pitch),
+        pitching * np.cos(roll) + yawing * np.cos(pitch) * np.sin(roll),
+        yawing * np.cos(pitch) * np.cos(roll) - pitching * np.sin(roll),
+    ]
+    return np.concatenate([coordinates[:3], quaternion]), np.concatenate([rates[:3], spin])
+
+
+_SUNK_M = 0.01
+"""How deep a robot may stand in what is fixed. Chosen: floors give, and heights of odometry err, by millimetres."""
+
+
+def lifted(robot: Robot, run: Run) -> Run:
+    """Return a run whose free base does not begin in the floor, as odometry does that counts from where it began."""
+    if not robot.floating:
+        return run
+    model = robot.model
+    data = mujoco.MjData(model)
+    begin_s = max(each.time_s[0] for each in run.base)
+    at = np.array([begin_s])
+    free = int(model.joint(robot.floating).qposadr[0])
+    data.qpos[free : free + len(BASE_COLUMNS)] = [float(each.at(at)[0]) for each in run.base]
+    for name in robot.joints:
+        data.joint(name).qpos[0] = float(run.measured[name, Quantity.POSITION].at(at)[0])
+    mujoco.mj_forward(model, data)
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    depths = [-float(each.dist) for each in data.contact if fixed[each.geom1] or fixed[each.geom2]]
+    depth = max(depths, default=0.0)
+    if depth <= _SUNK_M:
+        return run
+    base = (*run.base[:2], run.base[2].changed(1.0, depth), *run.base[3:])
+    note = f"odometry of {run.name} has the robot {depth:.3g} m in the floor where it begins: it is lifted by that"
+    return replace(run, base=base, notes=(*run.notes, note))

@@ -20,6 +20,7 @@ from jammkle_gap.core.effects import Library
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.core.simulate import Problem
 from jammkle_gap.mujoco.bags import run_of_bag
+from jammkle_gap.mujoco.carried import lifted
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import scales_of
 from jammkle_gap.mujoco.offer import offer_of
@@ -269,4 +270,5 @@ def matched(
         dataclasses.replace(run, name=f"{run.name} ({k})") if names.count(run.name) > 1 else run
         for k, run in enumerate(runs, 1)
     ]
-    return runs, match(model, runs, given)
+    robot = match(model, runs, given)
+    return [lifted(robot, run) for run in runs], robot

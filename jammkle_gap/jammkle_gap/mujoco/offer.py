@@ -179,9 +179,10 @@ def _sentence(family: Family, where: str) -> str:
 
 
 def moving_bodies(robot: Robot) -> list[str]:
-    """Return the bodies with a mass that a measured joint moves, or one that follows it, in the model's order."""
+    """Return the bodies with a mass that a measured joint, one that follows it or a free base moves, in order."""
     model = robot.model
-    roots = {int(model.joint(name).bodyid[0]) for name in (*robot.joints, *robot.followers)}
+    base = (robot.floating,) if robot.floating else ()
+    roots = {int(model.joint(name).bodyid[0]) for name in (*robot.joints, *robot.followers, *base)}
     found = []
     for number in range(1, model.nbody):
         above = number

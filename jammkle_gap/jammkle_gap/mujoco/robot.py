@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.mujoco.carried import BASE_JOINTS, carry_base, carry_joint
+from jammkle_gap.mujoco.carried import BASE_JOINTS, carry_base, carry_joint, free_joint
 from jammkle_gap.mujoco.coupled import followers_of
 from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
 from jammkle_sim.physics.engine import mujoco
@@ -80,6 +80,8 @@ class Robot:
     """Joints that move as they were measured; those of a measured base come last."""
     followers: tuple[str, ...] = ()
     """Joints that nobody measured and that equalities of the model couple to measured ones."""
+    floating: str = ""
+    """Joint of a free base whose pose was measured: windows start there, and it is compared."""
 
     def is_turning(self, joint: str) -> bool:
         """Return whether a joint is a hinge, in rad and N m, and no slide, in m and N."""
@@ -146,7 +148,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
             raise BadRobotError(msg)
         why = "no positions or velocities were commanded" if asked else "no commands were recorded"
         notes.append(f"{why}: efforts of {', '.join(efforts)} are compared with those of the motion")
-    _put_base(spec, runs, given, notes, forward=bool(drives))
+    floating = _put_base(spec, runs, given, notes, forward=bool(drives))
     _switch_off(spec, (*locked, *carried, *followers))
     for joint in locked:
         spec.joint(joint).armature = _LOCKING
@@ -179,6 +181,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
         senses,
         (*carried, *(BASE_JOINTS if given.base is Base.MEASURED else ())),
         followers,
+        floating,
     )
 
 
@@ -501,16 +504,30 @@ def _estimated_gains(runs: Sequence[Run], joint: str, wanted: Quantity) -> Gains
     return Gains(float(first), max(float(damping), 0.0)) if wanted is Quantity.POSITION else Gains(0.0, float(first))
 
 
-def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: list[str], *, forward: bool) -> None:
-    """Carry a floating base as it was measured, or hold it; it is free only where the model is run forward."""
+def _put_base(spec: mujoco.MjSpec, runs: Sequence[Run], given: RobotMap, notes: list[str], *, forward: bool) -> str:
+    """Carry a floating base as it was measured, or hold it; it is free only where the model is run forward.
+
+    Returns:
+        Its joint if it is free and was measured.
+
+    """
     if given.base is Base.MEASURED:
         carry_base(spec, runs)
-        return
+        return ""
     if given.base is Base.FREE and forward:
-        return
+        free = free_joint(spec, "free")
+        without = [run.name for run in runs if not run.base]
+        if not without:
+            return str(free.name)
+        notes.append(
+            f"recording {without[0]} holds no odometry: every recording is one window, in which the base starts where "
+            "the model has it"
+        )
+        return ""
     free = [each for each in spec.joints if each.type == mujoco.mjtJoint.mjJNT_FREE]
     notes += [f"the floating base ({each.parent.name}) is held where the model has it" for each in free]
     _delete(spec, free)
+    return ""
 
 
 def _left_to_others(

@@ -14,10 +14,10 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no t
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.simulate import InfeasibleError
-from jammkle_gap.mujoco.carried import carrying, drive_of
+from jammkle_gap.mujoco.carried import COORDINATES, carrying, coordinates_of, drive_of, state_of
 from jammkle_gap.mujoco.coupled import Equalities
 from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
-from jammkle_gap.mujoco.runs import AXES, Base, Quantity
+from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, Base, Quantity
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+BASE = "base"
+"""Of signals of a free base that was measured: `base/x` and so on."""
 LEAD_S = 0.2
 """How long a window runs before it is compared, s. Chosen: a drive of 3 Hz forgets its start to a fortieth."""
 _WILD = 1e4
@@ -62,10 +64,12 @@ class Motion:
     """How long it is, s."""
     carried: Array | None = None
     """Position, velocity and acceleration of the joints that move as measured, on the grid, shape (3, n, carried)."""
+    base: Array | None = None
+    """Coordinates of a free base that was measured, and their rates, on the grid, shape (2, n, 6)."""
     wandering: tuple[str, ...] = ()
-    """Joints that no drive holds at a position, so that errors of their start last."""
+    """Joints that no drive holds at a position, and the coordinates of a free base: errors of their start last."""
     start_shift: Array | None = None
-    """Of these joints' positions and then velocities at the start of each window, shape (windows, 2 wandering)."""
+    """Of their positions and then velocities at the start of each window, shape (windows, 2 wandering)."""
     sensitivity: Mapping[str, Array] = field(default_factory=dict)
     """By signal, what one standard deviation of each such error makes of it, shape (samples, 2 wandering)."""
 
@@ -237,7 +241,7 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     robot, model = machine.robot, machine.model
     step_s = float(model.opt.timestep)
     length = motion.window_s + LEAD_S
-    if robot.given.base is Base.FREE:
+    if robot.given.base is Base.FREE and motion.base is None:
         length = motion.end_s
     count = int(np.ceil(length / step_s)) + 1
     begins = np.array(motion.starts_s) - LEAD_S
@@ -245,6 +249,7 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
+    joints += _places_of_base(robot)
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
     sensors = [int(model.sensor(f"{EFFORT_SENSOR}{name}").adr[0]) for name in sensed]
     sensors += _addresses(machine)
@@ -258,14 +263,17 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
         msg = "the simulation blows up"
         raise InfeasibleError(msg)
     ticks = step_s * np.arange(count, dtype=np.float64)
-    felt = _felt(machine, efforts[:, :, len(sensed) :])
+    as_they_are = _felt(machine, efforts[:, :, len(sensed) :])
+    if robot.floating:
+        poses = np.array([coordinates_of(each) for each in position[:, :, len(robot.joints) :]])
+        as_they_are.update({f"{BASE}/{name}": poses[:, :, column] for column, name in enumerate(COORDINATES)})
     # A controller reads before it writes: an effort is that of the step before.
     efforts = np.concatenate([efforts[:, :1], efforts[:, :-1]], axis=1)
     found = {}
     for signal in recording.signals:
         joint, _, quantity = signal.name.rpartition("/")
-        if signal.name in felt:
-            found[signal.name] = _read(machine, motion, begins, ticks, felt[signal.name], signal.time_s)
+        if signal.name in as_they_are:
+            found[signal.name] = _read(machine, motion, begins, ticks, as_they_are[signal.name], signal.time_s)
             continue
         if quantity == Quantity.POSITION.value:
             values = position[:, :, robot.joints.index(joint)]
@@ -279,6 +287,14 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
         read += _between_ticks(machine, motion, asked, controls, joint, begins, signal.time_s, read)
         found[signal.name] = machine.effort_scale.get(joint, 1.0) * read
     return found
+
+
+def _places_of_base(robot: Robot) -> list[int]:
+    """Return where the position of a free base that was measured is."""
+    if not robot.floating:
+        return []
+    first = int(robot.model.joint(robot.floating).qposadr[0])
+    return list(range(first, first + len(BASE_COLUMNS)))
 
 
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:
@@ -445,11 +461,16 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
             joint = model.joint(name)
             states[:, 1 + int(joint.qposadr[0])] = np.interp(read_s, grid, motion.carried[0, :, column])
             states[:, 1 + model.nq + int(joint.dofadr[0])] = np.interp(read_s, grid, motion.carried[1, :, column])
-    if motion.start_shift is not None:
-        for column, name in enumerate(motion.wandering):
+    none = np.zeros((len(begins), 2 * len(motion.wandering)))
+    shift = (none if motion.start_shift is None else motion.start_shift).reshape(len(begins), 2, -1)
+    for column, name in enumerate(motion.wandering):
+        if name in machine.robot.joints:
             joint = model.joint(name)
-            states[:, 1 + int(joint.qposadr[0])] += motion.start_shift[:, column]
-            states[:, 1 + model.nq + int(joint.dofadr[0])] += motion.start_shift[:, len(motion.wandering) + column]
+            states[:, 1 + int(joint.qposadr[0])] += shift[:, 0, column]
+            states[:, 1 + model.nq + int(joint.dofadr[0])] += shift[:, 1, column]
+    if motion.base is not None:
+        own = shift[:, :, [column for column, name in enumerate(motion.wandering) if name in COORDINATES]]
+        _put_bases(machine, states, motion.base, motion.step_s, read_s, own)
     if machine.robot.followers:
         equalities = Equalities(model, machine.robot.following())
         for state in states:
@@ -457,6 +478,27 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
             position[:] = equalities.placed(position)
             velocity[:] = equalities.moved(position, velocity)
     return states
+
+
+def _put_bases(machine: Machine, states: Array, base: Array, step_s: float, read_s: Array, shift: Array) -> None:
+    """Put where a free base was measured into the starts of windows.
+
+    Args:
+        machine: Whose base it is.
+        states: Shape (windows, state).
+        base: Coordinates and rates on the grid, shape (2, n, 6).
+        step_s: Of the grid, s.
+        read_s: When the state of each window was read, s.
+        shift: Of coordinates and rates of each, shape (windows, 2, 6), or (windows, 2, 0) for none.
+
+    """
+    model, grid = machine.model, step_s * np.arange(base.shape[1])
+    free = model.joint(machine.robot.floating)
+    at, by = 1 + int(free.qposadr[0]), 1 + model.nq + int(free.dofadr[0])
+    for state, read_at, own in zip(states, read_s, shift, strict=True):
+        table = np.array([[np.interp(read_at, grid, column) for column in each.T] for each in base])
+        position, velocity = state_of(*(table + own if own.size else table))
+        state[at : at + len(position)], state[by : by + len(velocity)] = position, velocity
 
 
 def _stepped(

@@ -15,9 +15,18 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
-from jammkle_gap.mujoco.carried import BASE_JOINTS, coordinates_of
-from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense
-from jammkle_gap.mujoco.simulator import FORWARD_FROM_S, LEAD_S, Machine, Motion, deviation_of, run_forward, scale_of
+from jammkle_gap.mujoco.carried import BASE_JOINTS, COORDINATES, coordinates_of
+from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense, Track
+from jammkle_gap.mujoco.simulator import (
+    BASE,
+    FORWARD_FROM_S,
+    LEAD_S,
+    Machine,
+    Motion,
+    deviation_of,
+    run_forward,
+    scale_of,
+)
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -26,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.mujoco.robot import Robot
-    from jammkle_gap.mujoco.runs import Run, Track
+    from jammkle_gap.mujoco.runs import Run
 
     Array = NDArray[np.float64]
 
@@ -121,7 +130,7 @@ def _apart(robot: Robot, first: Motion, second: Motion) -> float:
 def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     """Return the motion of a run, and when it begins on the run's clock, s."""
     tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
-    posed = run.base if robot.given.base is Base.MEASURED else ()
+    posed = run.base if robot.given.base is Base.MEASURED or robot.floating else ()
     led = [run.measured[name, Quantity.POSITION] for name in robot.carried if name not in BASE_JOINTS]
     begin_s = max(float(each.time_s[0]) for each in (*tracks, *led, *posed))
     end_s = min(float(each.time_s[-1]) for each in (*tracks, *led, *posed))
@@ -152,7 +161,12 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
             f"the orientation of the base in recording {run.name} is no quaternion; its norm is 0 where it should be 1"
         )
         raise BadRecordingError(msg)
-    columns = [each.at(times)[:, np.newaxis] for each in led] + ([] if poses is None else [coordinates_of(poses)])
+    columns = [each.at(times)[:, np.newaxis] for each in led]
+    base = None
+    if poses is not None and robot.floating:
+        base = np.array(smoothed(coordinates_of(poses))[:2])
+    elif poses is not None:
+        columns.append(coordinates_of(poses))
     carried = np.array(smoothed(np.hstack(columns))) if columns else None
     set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
     leading, feeding = np.zeros_like(set_points), np.zeros_like(set_points)
@@ -161,9 +175,21 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
             leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
         if drive.feeding:
             feeding[:, column] = run.commands[drive.joint, Quantity.EFFORT].mean_about(grid, fine)
-    length_s = end_s - begin_s
-    moved = smoothed(readings)
-    return Motion(fine, *moved, set_points, leading, feeding, (0.0,), length_s, carried), begin_s
+    position, velocity, acceleration = smoothed(readings)
+    motion = Motion(
+        fine,
+        position,
+        velocity,
+        acceleration,
+        set_points,
+        leading,
+        feeding,
+        (0.0,),
+        end_s - begin_s,
+        carried,
+        base,
+    )
+    return motion, begin_s
 
 
 _LEAST_NORM = 0.1
@@ -183,7 +209,7 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
 
 def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[float, list[float]]:
     """Return the length of a run's windows and when each begins, s."""
-    if robot.given.base is Base.FREE:
+    if robot.given.base is Base.FREE and not robot.floating:
         return motion.end_s - LEAD_S, [LEAD_S]
     room = motion.end_s - LEAD_S
     if room <= LEAD_S:
@@ -211,6 +237,12 @@ def _recording(
         for site, sense in robot.senses
         for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
     ]
+    if robot.floating:
+        moved = _base_tracks(run)
+        felt += [
+            _windowed(f"{BASE}/{name}", unit, track, begin_s, starts, length, noise)
+            for (name, unit, noise), track in zip(_OF_BASE, moved, strict=True)
+        ]
     if robot.drives:
         signals = [_with_jitter(robot, run, motion, each) for each in signals]
     else:
@@ -218,6 +250,19 @@ def _recording(
     inputs = replace(motion, starts_s=starts, window_s=length)
     known, notes = _with_known_noise(run.name, [*signals, *felt])
     return _with_sensitivity(robot, Recording(run.name, known, inputs, setting=run.name, notes=notes))
+
+
+_DRIFT = 0.005
+"""Standard deviation of a base's coordinates, m and rad. Assumed: odometry drifts by some millimetres and milliradians
+within a window, however finely it is read."""
+_OF_BASE = tuple((name, "m" if name in AXES else "rad", _DRIFT) for name in COORDINATES)
+"""Signals of a free base: coordinate, unit and noise."""
+
+
+def _base_tracks(run: Run) -> list[Track]:
+    """Return the coordinates of the base, by `COORDINATES`."""
+    times = run.base[0].time_s
+    return [Track(times, column) for column in coordinates_of(np.column_stack([each.values for each in run.base])).T]
 
 
 def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[Signal, ...], tuple[str, ...]]:
@@ -333,7 +378,9 @@ def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
     """Return a recording that knows what errors of its starts do, where they last."""
     held = {drive.joint for drive in robot.drives if drive.quantity is Quantity.POSITION}
     wandering = tuple(name for name in robot.joints if name not in held)
-    if not wandering or not robot.drives or robot.given.base is Base.FREE:
+    if robot.floating:
+        wandering += COORDINATES
+    if not wandering or not robot.drives or (robot.given.base is Base.FREE and not robot.floating):
         return recording
     motion: Motion = replace(recording.inputs, wandering=wandering)
     machine = Machine(robot, robot.model)
@@ -341,7 +388,7 @@ def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
     columns: dict[str, list[Array]] = {name: [] for name in nominal}
     for order in range(2):
         for column, name in enumerate(wandering):
-            signal = recording.signal(f"{name}/{Quantity.POSITION.value}")
+            signal = recording.signal(f"{name}/{Quantity.POSITION.value}" if name in robot.joints else f"{BASE}/{name}")
             step_s = float(np.median(np.diff(signal.time_s)))
             wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
             gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=order, delta=step_s)).sum()))
