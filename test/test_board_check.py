@@ -243,9 +243,12 @@ sensors:
   achilles: {register: 15, scale: 7.0}
   manifold: {register: 16, scale: 7.0}
 reply_timeout_s: 0.15
-on_connect: {3: 4, 2: 5000}
+on_connect: {2: 5000, 3: 4}
 """
-"""The project's board taken for a bought one: raw numbers of the converter, and a calibration that is far out."""
+"""The project's board taken for a bought one: raw numbers of the converter, and a calibration that is far out.
+
+Its watchdog is set before its start is acknowledged: with its own 0.2 s a late reply would let it latch again.
+"""
 
 
 def test_a_board_of_other_make_is_walked_and_calibrated_too(command: list[str], tmp_path: Path) -> None:

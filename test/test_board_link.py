@@ -6,18 +6,21 @@ import asyncio
 import math
 import os
 import signal
+import struct
 import time
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import pytest
+from nonsense import UNIT, Terminal, code_of, frame, is_whole, right_reply
 
 from boards import AVR, JAMMED, RELEASED, Host
 from bought_board import OtherBoard
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
-from jammkle_driver.board.line import Line, check_port, silence_s
+from jammkle_driver.board.line import Line, LineError, check_port, silence_s
 from jammkle_driver.board.link import BoardLink
+from jammkle_driver.board.protocol import make_protocol
 from jammkle_driver.board.wiring import (
     Firmware,
     Pump,
@@ -30,10 +33,13 @@ from jammkle_driver.board.wiring import (
 )
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
 from jammkle_sim.board_bench import BoardBench
+from test_board_check import OTHER_FIRMWARE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from jammkle_driver.board.protocol import BoardProtocol
 
 HOST_SILENT = frozenset({SafeCause.HOST_SILENT})
 WATCHDOG_S = 0.2
@@ -271,6 +277,107 @@ def test_a_bought_board_is_let_go_of_when_the_driver_does_not_tick(safe_state: s
     finally:
         host.link.close()
         board.close()
+
+
+WRITE_REGISTER = 6
+ILLEGAL_VALUE = 3
+
+
+class OnceBoard:
+    """A bought board on a serial line whose registers take a number once; its first reply waits in `unsaid`."""
+
+    def __init__(self, *, takes: bool = True, shows: bool = False) -> None:
+        self.terminal = Terminal()
+        self.unsaid = b""
+        self.asked = asyncio.Event()
+        self._takes, self._shows = takes, shows
+        self._taken: dict[int, int] = {}
+        self._came = b""
+
+    def answer(self) -> None:
+        self._came += self.terminal.take()
+        if is_whole(self._came):
+            request, self._came = self._came, b""
+            reply = self._reply(request)
+            if self.unsaid:
+                self.terminal.say(reply)
+            else:
+                self.unsaid = reply
+                self.asked.set()
+
+    def _reply(self, request: bytes) -> bytes:
+        address, number = struct.unpack_from(">HH", request, 2)
+        if code_of(request) != WRITE_REGISTER:
+            return right_reply(request, [self._taken.get(address, 0) if self._shows else 0])
+        if not self._takes or address in self._taken:
+            return frame(bytes((UNIT, WRITE_REGISTER | 0x80, ILLEGAL_VALUE)))
+        self._taken[address] = number
+        return right_reply(request, [])
+
+
+async def opened_in_the_end(talk: BoardProtocol) -> str:
+    """Open a board, anew where the machine was too busy for its reply."""
+    try:
+        return await talk.open()
+    except LineError as error:
+        if "no reply" not in str(error):
+            raise
+    return await opened_in_the_end(talk)
+
+
+def opened_again(board: OnceBoard, *, late: bool) -> str:
+    """Let the first reply come late, or never, and return what the next try says of the board."""
+
+    async def opened() -> str:
+        line = Line(board.terminal.path, replace(OTHER, reply_timeout_s=0.1))
+        talk = make_protocol(line, OTHER, "vent")
+        asyncio.get_running_loop().add_reader(board.terminal.mine, board.answer)
+        try:
+            await line.open()
+            with pytest.raises(LineError, match="no reply"):
+                await talk.open()
+            await board.asked.wait()
+            if late:
+                board.terminal.say(board.unsaid)
+                line._free_s = 0.0  # as if this end had stood still since
+            return await opened_in_the_end(talk)
+        finally:
+            asyncio.get_running_loop().remove_reader(board.terminal.mine)
+            line.close()
+
+    try:
+        return asyncio.run(opened())
+    finally:
+        board.terminal.close()
+
+
+@pytest.mark.parametrize(("late", "shows"), [(True, False), (False, True)])
+def test_a_bought_board_need_not_take_anew_what_it_has_taken(*, late: bool, shows: bool) -> None:
+    """A request was carried out although its reply was late or lost: the reply or the register shows it."""
+    assert "taken before: register 9" in opened_again(OnceBoard(shows=shows), late=late)
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_number_that_a_bought_board_has_never_taken_is_a_wrong_board_file(*, late: bool) -> None:
+    """Also where a reply was late or lost before."""
+    with pytest.raises(LineError, match="writing register 9 refused with exception 3: the board_file does not fit"):
+        opened_again(OnceBoard(takes=False), late=late)
+
+
+def test_a_bought_board_that_stood_still_is_found_again(bench: BoardBench, tmp_path: Path) -> None:
+    """It runs on as it was, and refuses the acknowledgement that it took when the link came up first."""
+    (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
+    host = Host(tmp_path / "board", wired=load_wiring(tmp_path / "bought.yaml"))
+    try:
+        host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED)
+        os.kill(bench.process.pid, signal.SIGSTOP)
+        try:
+            host.tick_until(lambda: host.link.status.state is LinkState.LOST)
+        finally:
+            os.kill(bench.process.pid, signal.SIGCONT)
+        host.tick_until(lambda: host.link.status.state is LinkState.CONNECTED)
+    finally:
+        host.link.close()
 
 
 def test_a_number_outside_its_limits_is_no_pressure() -> None:

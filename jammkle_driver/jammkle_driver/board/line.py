@@ -126,6 +126,7 @@ class Line:
         self._came_in = b""
         self._patience_s = wiring.reply_timeout_s
         self._unanswered = False
+        self._taken: dict[int, int] = {}
         self.answered = 0
         self.late = 0
         self.damaged = 0
@@ -152,6 +153,7 @@ class Line:
             "retries": 0,  # of the library; see `tries`
             "reconnect_delay": 0,
             "trace_packet": self._trace,
+            "trace_pdu": self._note,
         }
         if self._serial:
             self._client = AsyncModbusSerialClient(
@@ -204,6 +206,10 @@ class Line:
         call = partial(self._client.write_register, address, number)
         await self._ask(f"writing register {address}", _WRITE_REGISTER, call, address=address, registers=[number])
 
+    def has_taken(self, address: int, number: int) -> bool:
+        """Whether the board has replied, in time or late, that this is the last number that a register has taken."""
+        return self._taken.get(address) == number
+
     async def write_coils(self, first: int, bits: Sequence[bool]) -> None:
         """Write coils that follow each other."""
         call = partial(self._client.write_coils, first, list(bits))
@@ -255,6 +261,8 @@ class Line:
         """
         loop = asyncio.get_running_loop()
         left_s = self._free_s - loop.time()
+        if self._unanswered:  # who stood still meanwhile has not yet read what came
+            left_s = max(left_s, self._silence_s)
         if left_s > 0.0:
             await asyncio.sleep(left_s)
         if self._throw_away() and self._unanswered:
@@ -319,6 +327,12 @@ class Line:
         if not sending:
             self._came_in = data
         return data
+
+    def _note(self, sending: bool, pdu: Any) -> Any:  # noqa: FBT001 - as the library calls it
+        """Keep what the board says that it has taken, also where that comes too late for the request."""
+        if not sending and pdu.function_code == _WRITE_REGISTER:  # an exception has another code
+            self._taken[pdu.address] = pdu.registers[0]
+        return pdu
 
     def _check_device(self) -> None:
         path = Path(self._port)

@@ -24,6 +24,9 @@ _NEAR = 16
 _STATE_EVERY = 10
 """Cycles from one reading of what the board says of itself to the next: ten times a second at 100 Hz."""
 
+_HAS_REGISTER = frozenset({3, 4})
+"""Exceptions of a board that has the register and does not take the number now: illegal value, device failure."""
+
 _LATCHED = {"host_silent": SafeCause.HOST_SILENT, "supply_low": SafeCause.SUPPLY_LOW, "reset": SafeCause.RESET}
 _FAULTS = {"supply_low": BoardFault.SUPPLY_LOW, "calibration_lost": BoardFault.CALIBRATION_LOST}
 _RESET_CAUSES = {
@@ -244,10 +247,16 @@ class ModbusProtocol:
         self._register_ranges = {table: _register_ranges(wiring, table) for table in ("input", "holding")}
 
     async def open(self) -> str:
-        """Write what the wiring says, such as the time of the board's own watchdog."""
-        for address, number in self._wiring.on_connect.items():
-            await self._write(self._line.write_register(address, number))
-        return "a board with other firmware: no latched safe state"
+        """Write what the wiring says, such as the time of the board's own watchdog.
+
+        Raises:
+            LineError: no answer, or a refusal: the wiring does not fit the board.
+
+        """
+        numbers = self._wiring.on_connect.items()
+        kept = [f"register {address}" for address, number in numbers if not await self._prepare(address, number)]
+        said = "a board with other firmware: no latched safe state"
+        return f"{said}; not taken anew, as it was taken before: {', '.join(kept)}" if kept else said
 
     async def exchange(self, command: ActuatorCommand | None) -> Exchange:
         """Write the coils and the pump's register, then read the sensors.
@@ -284,6 +293,27 @@ class ModbusProtocol:
         """Drive again what is asked for. What the board itself may have latched, this driver does not know."""
         self._let_go = None
 
+    async def _prepare(self, address: int, number: int) -> bool:
+        """Write a register, and return whether the board took it now; False where it took the same before.
+
+        Some boards take a number only once, such as the time of a watchdog that does not run yet. Yet it is written
+        again when the link comes up anew on a board that has run on, or after a reply that came late or never.
+        """
+        try:
+            await self._line.write_register(address, number)
+        except RefusedError as error:
+            known = error.code in _HAS_REGISTER
+            if known and (self._line.has_taken(address, number) or await self._reads(address, number)):
+                return False
+            raise _misfit(error) from error
+        return True
+
+    async def _reads(self, address: int, number: int) -> bool:
+        try:
+            return list(await self._line.read("holding", address, 1)) == [number]
+        except RefusedError:
+            return False
+
     async def _drive(self, command: ActuatorCommand) -> None:
         pump = self._wiring.pump
         bits = {
@@ -304,15 +334,17 @@ class ModbusProtocol:
         try:
             await asked
         except RefusedError as error:
-            msg = f"{error}: the board_file does not fit this board"
-            raise LineError(msg) from error
+            raise _misfit(error) from error
 
     async def _read(self, table: str, first: int, count: int) -> Sequence[int]:
         try:
             return await self._line.read(table, first, count)
         except RefusedError as error:
-            msg = f"{error}: the board_file does not fit this board"
-            raise LineError(msg) from error
+            raise _misfit(error) from error
+
+
+def _misfit(error: RefusedError) -> LineError:
+    return LineError(f"{error}: the board_file does not fit this board")
 
 
 def _drives(command: ActuatorCommand) -> bool:
