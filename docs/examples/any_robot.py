@@ -1,4 +1,4 @@
-"""Diagnose a pan-tilt head that is not ours: its model, two CSV files, and what differs."""
+"""Diagnose a pan-tilt head that is not ours: its model, two CSV files, what differs, and a run of what it is."""
 
 import sys
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from jammkle_gap import diagnose_mujoco
+from jammkle_gap import Modifier, diagnose_mujoco
 
 MODEL, NAMES = Path(__file__).with_name("any_robot.xml"), ("pan", "tilt")
 
@@ -40,3 +40,9 @@ if __name__ == "__main__":
     print(
         *(f"{each.signal}: {each.nominal:.2g} to {each.corrected:.2g} {each.unit}" for each in found.closing), sep="\n"
     )
+    model = mujoco.MjModel.from_xml_path(str(folder / "corrected.xml"))
+    data, modifier = mujoco.MjData(model), Modifier(model)
+    while data.time < 1.0:
+        modifier.control(data, {"pan": 0.3, "tilt": -0.2})
+        mujoco.mj_step(model, data)
+    print(*(f"{joint} reads {angle:.3f} rad" for joint, angle in modifier.positions(data).items()), sep="\n")

@@ -29,12 +29,14 @@ if TYPE_CHECKING:
     from jammkle_gap.core.simulate import InfeasibleError, Problem, Runner, SimulatorError
     from jammkle_gap.landing import HiddenEffect
     from jammkle_gap.mujoco.diagnosing import RobotDiagnosis, diagnose_mujoco
-    from jammkle_gap.mujoco.runs import Run, run_of_arrays, run_of_csv
+    from jammkle_gap.mujoco.modifier import Modifier
+    from jammkle_gap.mujoco.runs import BadRobotError, Run, run_of_arrays, run_of_csv
 
 _HOMES = {
     "AnkleInputs": "ankle.inputs",
     "BadEffectError": "core.effects",
     "BadRecordingError": "core.data",
+    "BadRobotError": "mujoco.runs",
     "Constants": "core.constants",
     "Correction": "ankle.corrected",
     "Diagnosis": "core.result",
@@ -45,6 +47,7 @@ _HOMES = {
     "HiddenEffect": "landing",
     "InfeasibleError": "core.simulate",
     "Library": "core.effects",
+    "Modifier": "mujoco.modifier",
     "Nuisance": "core.effects",
     "Phase": "core.data",
     "Problem": "core.simulate",
@@ -91,6 +94,7 @@ __all__ = [
     "AnkleInputs",
     "BadEffectError",
     "BadRecordingError",
+    "BadRobotError",
     "Constants",
     "Correction",
     "Diagnosis",
@@ -101,6 +105,7 @@ __all__ = [
     "HiddenEffect",
     "InfeasibleError",
     "Library",
+    "Modifier",
     "Nuisance",
     "Phase",
     "Problem",

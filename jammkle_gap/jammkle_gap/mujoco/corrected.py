@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.mujoco.robot import load, match
+from jammkle_gap.mujoco.robot import SENSORS, load, match
 from jammkle_gap.mujoco.runs import Gains
 from jammkle_gap.mujoco.simulator import RobotSimulator, run
+from jammkle_gap.mujoco.unsaid import TEXT_NAME, Unsaid, text_of, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -24,25 +25,6 @@ if TYPE_CHECKING:
 
 _BY_BODY = ("mass", "inertia", "ipos", "iquat", "pos")
 _BY_DOF = ("damping", "frictionloss", "armature")
-_UNSAID = (
-    "delay_s",
-    "arrival_s",
-    "effort_delay_s",
-    "clock_rate",
-    "set_point_lag_s",
-    "forward_share",
-    "slack",
-    "compliance",
-    "offset",
-    "scale",
-    "effort_scale",
-    "stribeck",
-    "load_friction",
-    "sensor_offset",
-    "sensor_scale",
-    "sensor_turn",
-)
-"""Fields of a machine that no MJCF says."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +43,9 @@ class Corrected:
     """A robot with what was found in it."""
 
     xml: str
-    """The user's model with constants and effects, as MJCF."""
+    """The user's model with constants and effects, as MJCF; what that cannot say is a text in it, for `Modifier`."""
     rest: Mapping[str, Any]
-    """What MJCF cannot say, by field of `Machine`; a number, or numbers by joint."""
+    """What MJCF cannot say, by field of `Unsaid`; a number, or numbers by joint."""
     gains: Mapping[str, Gains]
     """Of controllers outside of the model."""
     values: Mapping[str, float]
@@ -72,6 +54,9 @@ class Corrected:
 
 def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], folder: Path) -> Corrected:
     """Return the user's model with a machine in it.
+
+    A joint whose controller is outside of the model gets a motor where it has no actuator, so that a `Modifier` can
+    drive it. A site whose sensors were compared gets those that the model has not.
 
     Args:
         robot: As it was matched.
@@ -84,16 +69,29 @@ def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], fo
 
     """
     spec, model = load(robot.file)
+    without = [drive.joint for drive in robot.drives if _actuator_of(model, drive.joint) is None]
+    for joint in without:
+        spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+    model = spec.compile() if without else model
     _put_links(robot, machine.model, model)
     gains = _put_drives(robot, machine.model, model)
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.copy_back(model)
-    _put_flags(robot, machine.model, model, spec, gains)
+    _put_flags(robot, machine.model, model, spec)
     if spec.meshes or spec.textures:
         for kind in ("meshdir", "texturedir"):
             given = robot.file.resolve().parent / str(getattr(spec.compiler, kind))
             setattr(spec.compiler, kind, os.path.relpath(given, folder.resolve()))
-    rest = {name: getattr(machine, name) for name in _UNSAID if getattr(machine, name)}
+    _put_sensors(robot, model, spec)
+    rest = {each.name: value for each in fields(Unsaid) if (value := getattr(machine, each.name))}
+    if not robot.drives and "delay_s" in rest:
+        # Nobody commands it: positions that come behind efforts are efforts before positions.
+        rest["effort_delay_s"] = rest.get("effort_delay_s", 0.0) - rest.pop("delay_s")
+    for text in list(spec.texts):
+        if text.name == TEXT_NAME:
+            spec.delete(text)
+    if said := text_of(rest, gains):
+        spec.add_text(name=TEXT_NAME, data=said)
     return Corrected(spec.to_xml(), rest, gains, dict(values))
 
 
@@ -119,25 +117,25 @@ def _put_drives(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) ->
     gains = {}
     for drive in robot.drives:
         actuator = changed.actuator(drive.actuator)
-        if drive.joint in {*robot.given.gains, *robot.estimated}:
+        number = _actuator_of(model, drive.joint)
+        gear = float(model.actuator_gear[number, 0])  # which `match` has put into the numbers
+        outside = drive.joint in {*robot.given.gains, *robot.estimated}
+        limits = changed.actuator_forcerange[actuator.id] / (abs(gear) if outside else gear)
+        model.actuator_forcerange[number] = np.sort(limits)
+        if outside:
             by_position = actuator.biasprm[1] != 0.0
             gains[drive.joint] = Gains(float(actuator.gainprm[0]) if by_position else 0.0, -float(actuator.biasprm[2]))
             continue
-        number = _actuator_of(model, drive.joint)
-        gear = float(model.actuator_gear[number, 0])  # which `match` has put into the numbers
         model.actuator_gainprm[number] = changed.actuator_gainprm[actuator.id] / gear**2
         model.actuator_biasprm[number] = changed.actuator_biasprm[actuator.id] / gear**2
         model.actuator_biasprm[number, 0] *= gear
-        model.actuator_forcerange[number] = np.sort(changed.actuator_forcerange[actuator.id] / gear)
     return gains
 
 
-def _put_flags(
-    robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel, spec: mujoco.MjSpec, gains: Mapping[str, Gains]
-) -> None:
+def _put_flags(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel, spec: mujoco.MjSpec) -> None:
     """Put what `copy_back`, which copies numbers, leaves out."""
     for drive in robot.drives:
-        if drive.joint not in gains and changed.actuator_forcelimited[changed.actuator(drive.actuator).id]:
+        if changed.actuator_forcelimited[changed.actuator(drive.actuator).id]:
             spec.actuators[_actuator_of(model, drive.joint)].forcelimited = True
         if changed.jnt_limited[changed.joint(drive.joint).id]:
             spec.joint(drive.joint).limited = True
@@ -148,33 +146,42 @@ def _put_flags(
             body.gravcomp = float(changed.body_gravcomp[number])
 
 
-def _actuator_of(model: mujoco.MjModel, joint: str) -> int:
+def _put_sensors(robot: Robot, model: mujoco.MjModel, spec: mujoco.MjSpec) -> None:
+    """Put the sensors that were compared where the model has none; those it has stay where they are in its data."""
+    own = set(zip(model.sensor_type.tolist(), model.sensor_objid.tolist(), strict=True))
+    for site, sense in robot.senses:
+        if (int(SENSORS[sense]), int(model.site(site).id)) not in own:
+            spec.add_sensor(type=SENSORS[sense], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+
+
+def _actuator_of(model: mujoco.MjModel, joint: str) -> int | None:
     own = model.joint(joint).id
     kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     on_joint = np.isin(model.actuator_trntype, kinds)
-    return next(k for k in range(model.nu) if on_joint[k] and int(model.actuator_trnid[k, 0]) == own)
+    return next((k for k in range(model.nu) if on_joint[k] and int(model.actuator_trnid[k, 0]) == own), None)
 
 
 def closing_of(
-    robot: Robot, corrected: Corrected, file: Path, runs: Sequence[Run], recordings: Sequence[Recording]
+    robot: Robot, file: Path, runs: Sequence[Run], recordings: Sequence[Recording]
 ) -> tuple[SignalClosing, ...]:
     """Load the corrected model as a user would, and say how far it closes the gap in some windows.
 
     Args:
         robot: As it was matched.
-        corrected: What MJCF cannot say.
-        file: Where the model was written.
+        file: Where the model was written; what MJCF cannot say is read from it, too.
         runs: In the model's terms, as `robot` was matched with.
         recordings: Windows of them.
 
     Raises:
         InfeasibleError: it blows up.
+        BadRobotError: the file cannot be loaded.
 
     """
-    given = replace(robot.given, gains={**robot.given.gains, **corrected.gains})
+    unsaid, gains = unsaid_of(load(file)[1])
+    given = replace(robot.given, gains={**robot.given.gains, **gains})
     loaded = match(file, runs, given)
     before, after = _machine(robot), _machine(loaded)
-    for name, value in corrected.rest.items():
+    for name, value in vars(unsaid).items():
         setattr(after, name, value)
     squares: dict[str, list[list[float]]] = {}
     units = {}

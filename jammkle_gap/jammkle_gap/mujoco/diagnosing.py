@@ -136,7 +136,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     target.parent.mkdir(parents=True, exist_ok=True)
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
     target.write_text(corrected.xml, encoding="utf-8")
-    closing = closing_of(robot, corrected, target, runs, tried)
+    closing = closing_of(robot, target, runs, tried)
     notes = (
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),

@@ -35,7 +35,7 @@ _WEIGHTLESS = 1e-12
 """Share of the weight that is compensated at least: MuJoCo leaves it out where it is 0 in all of a compiled model."""
 EFFORT_SENSOR = "jammkle effort "
 """Prefix of sensors that are added to the prepared model, one per joint that is driven or whose effort is compared."""
-_SENSORS = {
+SENSORS = {
     Sense.ACCELERATION: mujoco.mjtSensor.mjSENS_ACCELEROMETER,
     Sense.RATE: mujoco.mjtSensor.mjSENS_GYRO,
     Sense.FORCE: mujoco.mjtSensor.mjSENS_FORCE,
@@ -167,7 +167,7 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     senses = _matched_senses(spec, runs, given, notes)
     for site, sense in senses:
         name = sensor_name(site, sense)
-        spec.add_sensor(name=name, type=_SENSORS[sense], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+        spec.add_sensor(name=name, type=SENSORS[sense], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
     return Robot(
         file,
         _compiled(spec, file),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -11,13 +10,13 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
 from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no types
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.simulate import InfeasibleError
 from jammkle_gap.mujoco.carried import COORDINATES, carrying, coordinates_of, drive_of, state_of
 from jammkle_gap.mujoco.coupled import Equalities
 from jammkle_gap.mujoco.robot import EFFORT_SENSOR, sensor_name
 from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, Base, Quantity
+from jammkle_gap.mujoco.unsaid import Unsaid, lost, rub
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -80,43 +79,11 @@ class Motion:
 
 
 @dataclass
-class Machine:
+class Machine(Unsaid):
     """A robot as it may be: its model, and what of drives, sensors and clocks no model says."""
 
     robot: Robot
     model: mujoco.MjModel
-    delay_s: float = 0.0
-    """Of commands or of all readings, which shows as the same; without drives of positions behind efforts; s."""
-    arrival_s: float = 0.0
-    """Delay of commands within a period of theirs, s, which no recording says."""
-    effort_delay_s: float = 0.0
-    """Of efforts behind positions of the same stamp, s."""
-    clock_rate: float = 0.0
-    """How much faster the clock of the readings runs than that of the commands, as a share."""
-    set_point_lag_s: Mapping[str, float] = field(default_factory=dict)
-    """By joint, as what follows."""
-    forward_share: dict[str, float] = field(default_factory=dict)
-    """Of the set point's rate that the drive feeds forward."""
-    slack: dict[str, float] = field(default_factory=dict)
-    """Width of a backlash."""
-    compliance: dict[str, float] = field(default_factory=dict)
-    """Of a transmission, rad/(N m) or m/N."""
-    offset: dict[str, float] = field(default_factory=dict)
-    """Reading of an encoder at zero."""
-    scale: dict[str, float] = field(default_factory=dict)
-    """Reading of an encoder per motion."""
-    effort_scale: dict[str, float] = field(default_factory=dict)
-    """Reading of an effort per effort."""
-    stribeck: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Friction at rest beyond that in motion, N m or N, and the speed at which it is gone."""
-    load_friction: dict[str, float] = field(default_factory=dict)
-    """Friction per transmitted effort."""
-    sensor_offset: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    """By signal of a sensor without its axis, along all axes."""
-    sensor_scale: dict[str, float] = field(default_factory=dict)
-    """By the same."""
-    sensor_turn: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    """By site, vector by which the sensor there is turned in its place, rad."""
 
     @cached_property
     def data(self) -> mujoco.MjData:
@@ -276,10 +243,8 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
             found[signal.name] = _read(machine, motion, begins, ticks, as_they_are[signal.name], signal.time_s)
             continue
         if quantity == Quantity.POSITION.value:
-            values = position[:, :, robot.joints.index(joint)]
-            if joint in machine.compliance:
-                values = values + machine.compliance[joint] * efforts[:, :, sensed.index(joint)]
-            values = machine.scale.get(joint, 1.0) * values + machine.offset.get(joint, 0.0)
+            effort = efforts[:, :, sensed.index(joint)] if joint in machine.compliance else 0.0
+            values = machine.read_position(joint, position[:, :, robot.joints.index(joint)], effort)
             found[signal.name] = _read(machine, motion, begins, ticks, values, signal.time_s)
             continue
         values = efforts[:, :, sensed.index(joint)]
@@ -334,12 +299,8 @@ def _felt(machine: Machine, values: Array) -> dict[str, Array]:
     """Return what sensors at sites read, by signal, from what they would without errors, shape (..., 3 sensors)."""
     found = {}
     for number, (site, sense) in enumerate(machine.robot.senses):
-        name = f"{site}/{sense.value}"
-        own = values[..., 3 * number : 3 * number + 3]
-        if site in machine.sensor_turn:
-            own = own @ Rotation.from_rotvec(machine.sensor_turn[site]).as_matrix()
-        own = machine.sensor_scale.get(name, 1.0) * own + np.array(machine.sensor_offset.get(name, (0.0, 0.0, 0.0)))
-        found.update({f"{name}.{axis}": own[..., column] for column, axis in enumerate(AXES)})
+        own = machine.feel(site, sense, values[..., 3 * number : 3 * number + 3])
+        found.update({f"{site}/{sense.value}.{axis}": own[..., column] for column, axis in enumerate(AXES)})
     return found
 
 
@@ -507,13 +468,7 @@ def _stepped(
     """Run windows step by step, with friction that changes within them, and backlash."""
     model, robot = machine.model, machine.robot
     data = machine.data
-    rubbing = sorted({robot.dof(name) for name in (*machine.stribeck, *machine.load_friction)})
-    base = model.dof_frictionloss[rubbing].copy()
-    stribeck = {robot.dof(name): own for name, own in machine.stribeck.items()}
-    shares = {robot.dof(name): own for name, own in machine.load_friction.items()}
-    rows = [
-        (dof, float(base[k]), *stribeck.get(dof, (0.0, 1.0)), shares.get(dof, 0.0)) for k, dof in enumerate(rubbing)
-    ]
+    rubbing, base = machine.rubbing(model), model.dof_frictionloss.copy()
     slack = [
         (
             int(model.actuator(drive.actuator).id),
@@ -537,18 +492,13 @@ def _stepped(
             position[k, i] = angles[joints]
             control[:] = controls[k, i]
             for actuator, angle, column, half in slack:
-                # The motor turns against the load by half the backlash before it moves it.
-                lost = min(max(control[actuator] - angles[angle], -half), half)
-                control[actuator] -= lost
-                position[k, i, column] += lost
-            for dof, dry, still, speed, share in rows:
-                rub = dry + share * 0.5 * abs(driving[dof] + bias[dof])
-                if still > 0.0:
-                    rub += still * math.exp(-((rates[dof] / speed) ** 2))
-                friction[dof] = rub
+                turned = lost(control[actuator], angles[angle], half)
+                control[actuator] -= turned
+                position[k, i, column] += turned
+            rub(rubbing, friction, driving, bias, rates)
             mujoco.mj_step(model, data)
             efforts[k, i] = read[sensors]
-    model.dof_frictionloss[rubbing] = base
+    model.dof_frictionloss[:] = base
     return position, efforts
 
 
