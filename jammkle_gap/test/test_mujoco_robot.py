@@ -197,6 +197,17 @@ def test_controller_is_estimated_from_efforts(tmp_path: Path, recorded: robot_ar
     given = {"gains": {name: {"kp": 50, "kd": 2} for name in robot_arm.JOINTS}}
     _, robot = matched(model, [robot_arm.run("one", recorded)], given)
     assert float(robot.model.actuator("shoulder").gainprm[0]) == 50.0
+    assert not robot.model.actuator("shoulder").forcelimited[0]
+
+
+def test_motor_keeps_its_torque_limit_under_a_controller(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A range of controls of a motor is a range of torques, whatever commands it then."""
+    limited = robot_arm.MOTORS.replace('joint="elbow"', 'joint="elbow" gear="2" ctrlrange="-3 4" forcerange="-5 3.5"')
+    given = {"gains": {name: {"kp": 50, "kd": 2} for name in robot_arm.JOINTS}}
+    model = robot_arm.write_model(tmp_path, limited)
+    model.write_text(model.read_text().replace('angle="radian"', 'angle="radian" autolimits="true"'))
+    _, robot = matched(model, [robot_arm.run("one", recorded)], given)
+    assert robot.model.actuator("elbow").forcerange.tolist() == [-6.0, 7.0]
 
 
 def test_gripper_that_nobody_commands_moves_as_measured(tmp_path: Path, recorded: robot_arm.Samples) -> None:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from jammkle_gap.mujoco.runs import RobotMap, Run
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -448,6 +450,13 @@ def _made_drives(
     return tuple(drives), tuple(estimated)
 
 
+def _is_limited(said: int, limits: NDArray[np.float64]) -> bool:
+    """Return whether a range counts, as MuJoCo decides: where it is said, or left open and the range is not empty."""
+    return said == mujoco.mjtLimited.mjLIMITED_TRUE or (
+        said == mujoco.mjtLimited.mjLIMITED_AUTO and bool(limits[0] < limits[1])
+    )
+
+
 def _take_gear(actuator: mujoco.MjsActuator) -> None:
     """Put the gear of an actuator into its numbers, so that set points are of the joint, as commands of ROS are.
 
@@ -466,8 +475,18 @@ def _take_gear(actuator: mujoco.MjsActuator) -> None:
 
 
 def _become_pd(actuator: mujoco.MjsActuator, gains: Gains, wanted: Quantity) -> None:
-    """Make an actuator `kp (set point - q) - kd dq`, or `kd (set point - dq)`; its limit of torque stays."""
+    """Make an actuator `kp (set point - q) - kd dq`, or `kd (set point - dq)`; its limit of torque stays.
+
+    A motor may have its limit as a range of controls, which are torques then.
+    """
     gear = abs(float(actuator.gear[0])) or 1.0
+    controls = np.array(actuator.ctrlrange)
+    if actuator_kind(actuator) is Quantity.EFFORT and _is_limited(actuator.ctrllimited, controls):
+        limits = np.sort(float(actuator.gainprm[0]) * controls)
+        own = np.array(actuator.forcerange)
+        if _is_limited(actuator.forcelimited, own):
+            limits = np.array([max(limits[0], own[0]), min(limits[1], own[1])])
+        actuator.forcerange, actuator.forcelimited = limits, mujoco.mjtLimited.mjLIMITED_TRUE
     actuator.forcerange = gear * np.array(actuator.forcerange)
     actuator.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     actuator.ctrllimited = False

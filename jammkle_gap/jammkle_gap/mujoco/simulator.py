@@ -210,8 +210,8 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     length = motion.window_s + LEAD_S
     if robot.given.base is Base.FREE and motion.base is None:
         length = motion.end_s
-    count = int(np.ceil(length / step_s)) + 1
-    begins = np.array(motion.starts_s) - LEAD_S
+    count = int(np.ceil(length * (1.0 + max(machine.clock_rate, 0.0)) / step_s)) + 1
+    begins = np.array(motion.starts_s) * (1.0 + machine.clock_rate) - LEAD_S
     asked = _asked(machine, motion)
     controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
