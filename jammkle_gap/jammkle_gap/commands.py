@@ -6,11 +6,14 @@ from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from jammkle_common.command.options import ON_THE_GAP, JsonOption, NamespaceOption
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 gap_app = typer.Typer(
     help="Find out where simulation and robot disagree, and why.",
@@ -101,6 +104,15 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
     if model is not None:
         from jammkle_gap.mujoco.command import RobotRequest, diagnose_robot
 
+        _refuse_with_model(
+            {
+                "--rig": rig,
+                "--library": library,
+                "--sensors": sensors,
+                "--namespace": namespace,
+                "--scheduler": scheduler,
+            }
+        )
         request = RobotRequest(model, bags, since or [], output, json, jobs, only or (), without or (), held_out or ())
         return diagnose_robot(request)
     if held_out:
@@ -129,6 +141,23 @@ def diagnose(  # noqa: PLR0913, PLR0917 - every one is an option
         )
     )
     return 0
+
+
+def _refuse_with_model(given: Mapping[str, object]) -> None:
+    """Refuse options of an ankle beside `--model`.
+
+    Raises:
+        InputError: one of them was given.
+
+    """
+    from jammkle_common.command.errors import InputError
+
+    for option, value in given.items():
+        if value is not None:
+            shown = value.value if isinstance(value, enum.Enum) else value
+            msg = f"{option} {shown} is of ankles, and --model diagnoses any robot"
+            msg += "; leave one of them out (what recordings call otherwise stands in a map, docs/any_robot.md)"
+            raise InputError(msg)
 
 
 @gap_app.command()

@@ -15,6 +15,7 @@ import robot_arm
 
 from jammkle_common.command.main import main
 from jammkle_gap import BadRecordingError, Verdict, diagnose_mujoco
+from jammkle_gap.mujoco import diagnosing
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.effects import scales_of
 from jammkle_gap.mujoco.offer import offer_of
@@ -142,6 +143,31 @@ def test_held_out_goes_with_a_model(tmp_path: Path, capsys: pytest.CaptureFixtur
     """Recordings of an ankle are held out in turn: the option is refused there."""
     assert main(["gap", "diagnose", str(tmp_path), "--held-out", str(tmp_path)]) == 2
     assert "goes with --model" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+@pytest.mark.parametrize(("option", "value"), [("--rig", "slip"), ("--sensors", "robot"), ("--namespace", "/left")])
+def test_options_of_an_ankle_are_refused_beside_a_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    """What would not count is refused, by its name and its value."""
+    model = robot_arm.write_model(tmp_path)
+    assert main(["gap", "diagnose", "--model", str(model), str(tmp_path), option, value]) == 2
+    assert f"{option} {value} is of ankles" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def test_what_was_decided_is_shown_before_the_search(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gains that were estimated stand on the screen even if the search is never finished."""
+
+    def stopped(*_: object) -> None:
+        raise BadRobotError
+
+    monkeypatch.setattr(diagnosing, "promising", stopped)
+    bag = robot_arm.write_csv(tmp_path / "run.csv", robot_arm.samples(1, duration_s=2.0))
+    model = robot_arm.write_model(tmp_path, robot_arm.MOTORS)
+    main(["gap", "diagnose", "--model", str(model), str(bag), "-o", str(tmp_path / "out"), "--jobs", "1"])
+    assert "note: nobody described the controller of joint yaw" in capsys.readouterr().err
 
 
 def again(seed: int) -> robot_arm.Samples:

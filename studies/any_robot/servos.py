@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-TORQUE_CONSTANT, RESISTANCE = 0.354, 3.4
-"""N m/A and Ohm. Data sheet of the servo: 0.52 N m at 1.47 A and 5 V."""
+TORQUE_CONSTANT, RESISTANCE = 0.464, 3.4
+"""N m/A and Ohm. Data sheet of the servo: 103 turns a minute without load, and 1.47 A when it is stalled, at 5 V. Its
+stall torque, 0.52 N m, would give 0.354 N m/A, but is what the gears leave of the motor's."""
 DUTY_PER_RAD = 0.00246
 """Share of the supply per radian of error and unit of gain; as published with the recordings."""
 ARMATURE, DRY, VISCOUS = 0.0015, 0.03, 0.008

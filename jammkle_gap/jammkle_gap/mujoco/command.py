@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import typer
 import yaml
 
 from jammkle_common.command import results
@@ -15,6 +18,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.result import as_dict
 from jammkle_gap.core.simulate import InfeasibleError, SimulatorError, StoppedError
+from jammkle_gap.mujoco import diagnosing
 from jammkle_gap.mujoco.diagnosing import CORRECTED_NAME, RobotDiagnosis, diagnose_mujoco
 from jammkle_gap.mujoco.runs import BadRobotError
 from jammkle_gap.report import words
@@ -23,7 +27,7 @@ from jammkle_gap.report.screen import show
 from jammkle_gap.report.words import Asked
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
 _PAGE_NAME = "gap.html"
@@ -68,7 +72,11 @@ def diagnose_robot(request: RobotRequest) -> int:
     stop = StopRequest()
     furthest = 0.0
     try:
-        with results.progress_bar("diagnosing") as update, backend(request.jobs, None) as jobs:
+        with (
+            _decisions_shown(),
+            results.progress_bar("diagnosing") as update,
+            backend(request.jobs, None) as jobs,
+        ):
 
             def on_progress(stage: str, share: float) -> None:
                 nonlocal furthest
@@ -110,6 +118,28 @@ def diagnose_robot(request: RobotRequest) -> int:
     results.write_json(request.json, _content(found, asked, request))
     show(found.diagnosis, asked, request.folder / _PAGE_NAME)
     return 0
+
+
+@contextlib.contextmanager
+def _decisions_shown() -> Iterator[None]:
+    """Show on stderr what is decided for want of a word in the map, before minutes are spent on it."""
+    log, handler = logging.getLogger(diagnosing.__name__), _ToScreen()
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+class _ToScreen(logging.Handler):
+    """Writes notes where a progress bar may be at work."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one."""
+        typer.echo(f"note: {record.getMessage()}", err=True)
 
 
 def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.robot import Robot
 
+_LOG = logging.getLogger(__name__)
 WINDOW_S = 2.0
 """Length of a window, s."""
 SEARCH_S = 15.0
@@ -86,6 +88,9 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
 ) -> RobotDiagnosis:
     """Say where a robot and its model disagree, and why, and write the corrected model.
 
+    What was decided for want of a word in the map is logged (`jammkle_gap.mujoco.diagnosing`, INFO) before the search,
+    and stands in the notes of the diagnosis.
+
     Args:
         model: MJCF, or a URDF that MuJoCo loads.
         bags: Bags, CSV files (`run_of_csv`) or arrays (`run_of_arrays`).
@@ -124,7 +129,13 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     excluded = {offer.library.effect(name).name for name in without}
     offered = tuple(effect for effect in offered if effect.name not in excluded)
     simulator = RobotSimulator(robot, offer.changes)
-    doubts = _check_efforts(simulator, compared)
+    decided = [
+        *robot.notes,
+        *dict.fromkeys(note for run in runs for note in run.notes),
+        *_check_efforts(simulator, compared),
+    ]
+    for note in decided:
+        _LOG.info(note)
     library = promising(simulator, offer, Library(offered), compared, jobs, progress)
     problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
@@ -138,9 +149,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     target.write_text(corrected.xml, encoding="utf-8")
     closing = closing_of(robot, target, runs, tried)
     notes = (
-        *robot.notes,
-        *dict.fromkeys(note for run in runs for note in run.notes),
-        *doubts,
+        *decided,
         f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
         f"{CORRECTED_NAME} has in it the constants of the machine{_beside(within, found)}",
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
