@@ -39,29 +39,39 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def shaken(change: Change | None = None) -> Run:
-    """Rock the shank of a leg that hangs, and jam its ankle halfway; commands and joint states at 100 Hz."""
-    built = robot_of_ours("leg", HANGING)
+def shaken(change: Change | None = None, kind: str = "leg") -> Run:
+    """Rock the shanks of a robot that hangs, and jam its ankles halfway; commands and joint states at 100 Hz."""
+    built = robot_of_ours(kind, HANGING)
     if change is not None:
         change(built.model)
     simulation = Simulation(replace(built, control=FollowingControl(built.model, built.control)))
+    ankles = {name.removesuffix("ankle"): ankle for name, ankle in simulation.ankles.items()}
+    own = ("abduction", "hip", "knee") if kind == "quadruped" else JOINTS
+
+    def read() -> dict[tuple[str, Quantity], float]:
+        found = {}
+        for leg, ankle in ankles.items():
+            efforts = ankle.joint_efforts() or {}
+            found |= {(leg + name, Quantity.POSITION): value for name, value in ankle.joint_positions().items()}
+            found |= {(leg + name, Quantity.EFFORT): efforts[name] for name in own}
+        return found
+
+    joints = tuple(leg + name for leg in ankles for name in own)
     time_s = 0.02 * np.arange(1, 210)
     swing = 0.2 * np.minimum(time_s, 1.0) * np.sin(2.0 * np.pi * (0.5 * time_s + 0.4 * time_s**2))
-    asked = np.array([1.2, -1.55]) + np.column_stack([np.zeros_like(swing), swing])
-    simulation.machine.control.follow(JointCourse(JOINTS, time_s, asked))
-    ankle, rows = simulation.ankles["ankle"], []
-    read_s = 0.01 * np.arange(420)
+    read_s, rows = 0.01 * np.arange(420), []
+    start = np.array([read()[name, Quantity.POSITION] for name in joints])
+    asked = start + np.column_stack([swing if name.endswith("knee") else 0.0 * swing for name in joints])
+    simulation.machine.control.follow(JointCourse(joints, time_s, asked))
     for at_s in read_s.tolist():
         if at_s == 2.0:
-            ankle.hold_vacuum({"achilles": 40e3, "peroneal_left": 40e3, "peroneal_right": 40e3})
-        rows.append((ankle.joint_positions(), ankle.joint_efforts() or {}))
+            for ankle in ankles.values():
+                ankle.hold_vacuum({"achilles": 40e3, "peroneal_left": 40e3, "peroneal_right": 40e3})
+        rows.append(read())
         simulation.advance(20)
-    names = [*rows[0][0]]
-    measured = {(name, Quantity.POSITION): Track(read_s, np.array([row[name] for row, _ in rows])) for name in names}
-    measured |= {(name, Quantity.EFFORT): Track(read_s, np.array([row[name] for _, row in rows])) for name in JOINTS}
-    start = np.array([rows[0][0][name] for name in JOINTS])
+    measured = {key: Track(read_s, np.array([row[key] for row in rows])) for key in rows[0]}
     whole_s, way = np.append(0.0, time_s), np.vstack([start, asked])
-    commands = {(name, Quantity.POSITION): Track(whole_s, way[:, k]) for k, name in enumerate(JOINTS)}
+    commands = {(name, Quantity.POSITION): Track(whole_s, way[:, k]) for k, name in enumerate(joints)}
     return Run("shake", measured, commands)
 
 
@@ -95,6 +105,21 @@ def test_friction_of_the_knee_is_named(model: Path, tmp_path: Path) -> None:
     assert found.corrected.values["friction_knee.torque"] == pytest.approx(0.3, abs=0.02)
     healthy = diagnose_mujoco(model, [shaken()], only=FEW, folder=tmp_path, jobs=1)
     assert healthy.diagnosis.verdict is Verdict.NO_GAP
+
+
+@pytest.mark.slow
+def test_friction_of_one_knee_of_four_is_named(tmp_path: Path) -> None:
+    """A quadruped that hangs is diagnosed in the same way, beside its four ankles."""
+    file = tmp_path / "quadruped.xml"
+    file.write_text(robot_mjcf(robot_of_ours("quadruped", HANGING)))
+
+    def rub(model: mujoco.MjModel) -> None:
+        model.dof_frictionloss[model.joint("rf_knee").dofadr[0]] = 0.3
+
+    found = diagnose_mujoco(file, [shaken(rub, "quadruped")], folder=tmp_path, jobs=2)
+    assert found.diagnosis.verdict is Verdict.EFFECTS
+    assert [each.name for each in found.diagnosis.effects] == ["friction_rf_knee"]
+    assert found.corrected.values["friction_rf_knee.torque"] == pytest.approx(0.3, abs=0.03)
 
 
 def test_leg_without_commands_is_refused(model: Path) -> None:

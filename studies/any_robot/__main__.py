@@ -58,6 +58,9 @@ def figures(cases: list[dict[str, Any]]) -> str:
     truth_in = [names(each["truth"]) in {names(one) for one in each["named"]} for each in singles]
     sure = [each for each in cases if each["verdict"] == "EFFECTS"]
     wrong = [not set(each["first"]) <= set(each["truth"]) for each in cases if each in sure]
+    strange = [
+        not any(each and set(each) <= set(own["truth"]) for each in own["named"]) for own in cases if own in sure
+    ]
     outside = [each for each in cases if each["kind"] == "outside"]
     none = [each for each in cases if each["kind"] == "none"]
     lines = [
@@ -66,6 +69,7 @@ def figures(cases: list[dict[str, Any]]) -> str:
         row("single effects, first", [names(each["first"]) == names(each["truth"]) for each in singles]),
         row("single effects, in the set", truth_in),
         row("named for certain, and wrong", wrong),
+        row("the same, where the truth is not among what was named as showing the same", strange),
         row("pairs, first", [names(each["first"]) == names(each["truth"]) for each in pairs]),
         row("outside the library, and none of them in the set", [[] in each["named"] for each in outside]),
         row("nothing wrong, and nothing named for certain", [each["verdict"] != "EFFECTS" for each in none]),
