@@ -18,7 +18,6 @@ from jammkle_gap.mujoco.effects import FloorGive, scales_of
 from jammkle_gap.mujoco.offer import groups_of, offer_of
 from jammkle_gap.mujoco.runs import (
     AXES,
-    BASE_COLUMNS,
     BadRobotError,
     Quantity,
     Sense,
@@ -522,76 +521,6 @@ def test_bag_says_where_its_sensors_are(tmp_path: Path, recorded: robot_arm.Samp
     assert any("at wrist are left out, as not all recordings" in note for note in robot.notes)
     with pytest.raises(BadRobotError, match="at site tip, which the model has not; it has: wrist"):
         matched(model, [bag], {"sensors": {"imu_link": "tip"}})
-
-
-CART = """
-<mujoco><compiler angle="radian"/><option timestep="0.0025" integrator="implicitfast"/><worldbody>
-  <body name="cart" pos="0 0 1">BASE<inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
-    <body name="leg"><inertial pos="0 0 -0.3" mass="1" diaginertia="0.01 0.01 0.001"/>
-      <joint name="hip" axis="0 1 0" damping="0.05" range="-3 3"/></body></body></worldbody>
-  <actuator><position name="hip" joint="hip" kp="8" kv="0.5"/>PUSH</actuator></mujoco>"""
-RAILS = '<joint name="slide" type="slide" axis="1 0 0"/><joint name="yaw" axis="0 0 1"/>'
-PUSHES = '<position name="push" joint="slide" kp="4000" kv="300"/><position name="turn" joint="yaw" kp="400" kv="30"/>'
-
-
-def shaken(folder: Path) -> tuple[Path, Run]:
-    """Return a model with a floating base, and a run of a machine whose base is shaken by drives of its own."""
-    machine = robot_arm.mujoco.MjModel.from_xml_string(CART.replace("BASE", RAILS).replace("PUSH", PUSHES))
-    data = robot_arm.mujoco.MjData(machine)
-    robot_arm.mujoco.mj_forward(machine, data)
-    time_s, rows = 0.005 * np.arange(1000), []
-    for at_s in time_s:
-        body = data.body("cart")
-        rows.append([*body.xpos, *body.xquat, data.joint("hip").qpos[0], 0.3 * np.sin(2.0 * at_s)])
-        for late_s in (0.0, 0.0025):
-            pushed = 0.3 * np.sin(5.0 * (at_s + late_s)), 0.8 * np.sin(1.5 * (at_s + late_s))
-            data.ctrl[:] = rows[-1][-1], *pushed
-            robot_arm.mujoco.mj_step(machine, data)
-        robot_arm.mujoco.mj_forward(machine, data)
-    table = np.array(rows)
-    table[500:, 3:7] *= -1.0  # the same orientation
-    measured = {f"base.{name}": column for name, column in zip(BASE_COLUMNS, table.T[:7], strict=True)}
-    file = folder / "cart.xml"
-    file.write_text(CART.replace("BASE", "<freejoint/>").replace("PUSH", ""))
-    step = np.round(table[:, 7] / 1e-4) * 1e-4
-    return file, run_of_arrays("one", time_s, {**measured, "hip.position": step}, {"hip.position": table[:, 8]})
-
-
-@pytest.mark.filterwarnings("error")
-def test_base_that_was_measured_carries_the_leg(tmp_path: Path) -> None:
-    """A leg swings as the shaken base makes it where the base moves as measured, and otherwise where it is held."""
-    file, run = shaken(tmp_path)
-    left = {}
-    for base in ("measured", "held"):
-        runs, robot = matched(file, [run], {"base": base})
-        (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
-        made = RobotSimulator(robot, {})(compared, {})["hip/position"]
-        left[base] = float(np.sqrt(np.mean((compared.signal("hip/position").values - made) ** 2)))
-    assert left["measured"] < 0.004
-    assert left["held"] > 10.0 * left["measured"]
-
-
-def test_base_without_odometry_is_refused(tmp_path: Path, recorded: robot_arm.Samples) -> None:
-    """A measured base takes a free joint and recordings of it."""
-    file, run = shaken(tmp_path)
-    with pytest.raises(BadRobotError, match="holds no odometry of the base"):
-        matched(file, [replace(run, base=())], {"base": "measured"})
-    lost = replace(run, base=(*run.base[:3], *(each.changed(0.0, 0.0) for each in run.base[3:])))
-    runs, robot = matched(file, [lost], {"base": "measured"})
-    with pytest.raises(BadRecordingError, match="is no quaternion"):
-        recordings_of(robot, runs, 2.0, 20.0)
-    with pytest.raises(BadRobotError, match="the model has 0 free joints"):
-        matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded)], {"base": "measured"})
-
-
-def test_odometry_of_a_bag_is_the_base(tmp_path: Path) -> None:
-    """Poses of nav_msgs/Odometry are those of the arrays."""
-    file, run = shaken(tmp_path)
-    bag = robot_arm.write_odometry(tmp_path / "bag", run)
-    (read,), robot = matched(file, [bag], {"base": "measured"})
-    assert robot.joints == ("hip",)
-    for ours, given in zip(read.base, run.base, strict=True):
-        assert np.allclose(np.abs(ours.values), np.abs(given.values))
 
 
 def test_tolerances_of_the_map_are_constants(tmp_path: Path, recorded: robot_arm.Samples) -> None:
