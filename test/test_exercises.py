@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from graph import environment
-from jammkle_bringup.core.shank_course import Limb, course_of, spoken
+from jammkle_bringup.core.shank_course import Limb, course_of, spoken, standing
 from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
 from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
@@ -109,6 +109,16 @@ def test_joints_press_straight_down() -> None:
     first = (pressed.time_s > 0.65) & (pressed.time_s < 2.0)
     assert np.ptp(height_m[first]) > 0.005
     assert np.ptp(forward_m[first]) < 1e-3
+
+
+def test_a_foot_that_stands_is_doubted() -> None:
+    """A foot far from where it hangs is named, with the way out; one that hangs, or that nobody measures, is not."""
+    hangs, stands = {"ankle_pitch": 0.51, "knee": 1.0}, {"ankle_pitch": 0.10}
+    assert standing({"": hangs}, 30.0) == []
+    assert standing({"": {"knee": 1.0}}, 30.0) == []
+    (doubt,) = standing({"lf_ankle": hangs, "rf_ankle": stands}, 30.0)
+    assert doubt.startswith("the foot rf_ankle is at 6 degrees of pitch, and hangs at 30")
+    assert "sim:behaviour:=hang" in doubt
 
 
 def test_a_person_is_told_what_to_do_when() -> None:

@@ -23,7 +23,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from jammkle_bringup.core.shank_course import READY_S, Limb, course_of, spoken
+from jammkle_bringup.core.shank_course import READY_S, Limb, course_of, spoken, standing
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import LOOKERS, GraphClient
 from jammkle_bringup.up import RECORDER, Startup, pass_on
@@ -232,6 +232,8 @@ class _Session:
         if angles:
             self._move({joint: course[:1] for joint, course in angles.items()}, [READY_S])
             self._wait(READY_S)
+        for doubt in standing(self._received.joints, self._built[HANG_PITCH]):
+            say(doubt)
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
         spec = ChildSpec(RECORDER, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
         with Supervisor((spec,), pass_on) as supervisor:

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_common.names import LEG_JOINTS
+from jammkle_common.names import ANKLE_JOINTS, LEG_JOINTS
 from jammkle_sim.physics.ankle import AnkleParameters, corner_m
 from jammkle_sim.robots.limb import stance_back_m
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.rig import Rig
@@ -159,3 +161,28 @@ def _highest(course: ShankCourse, along_m: Floats) -> Floats:
     turning[0] = True
     last = np.maximum.accumulate(np.where(turning, np.arange(len(turning)), 0))
     return along_m[last]
+
+
+_PITCH = ANKLE_JOINTS[1]
+_DROOPS_DEG = 10.0
+"""How far from its pitch a foot may hang. Assumed: tendons that lost their pretension let it droop by less."""
+
+
+def standing(joints: Mapping[str, Mapping[str, float]], hang_pitch_deg: float) -> list[str]:
+    """Return a line for every ankle whose foot does not hang as it does when it is free.
+
+    Args:
+        joints: By ankle, position by joint, rad.
+        hang_pitch_deg: Pitch at which the feet hang.
+
+    """
+    found = []
+    for ankle, angles in joints.items():
+        pitch_deg = math.degrees(angles.get(_PITCH, math.radians(hang_pitch_deg)))
+        if abs(pitch_deg - hang_pitch_deg) > _DROOPS_DEG:
+            found.append(
+                f"the foot {ankle or 'of the robot'} is at {pitch_deg:.0f} degrees of pitch, and hangs at "
+                f"{hang_pitch_deg:.0f}; if it stands, hoist the robot (simulated: jammkle up --robot ... -p "
+                "sim:behaviour:=hang -p sim:drop_height_m:=0.01): exercises are of feet that hang"
+            )
+    return found
