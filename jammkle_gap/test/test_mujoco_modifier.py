@@ -336,6 +336,7 @@ def test_closing_reads_the_file_alone(tmp_path: Path) -> None:
     file.write_text(corrected_of(robot, machine, {}, tmp_path).xml)
     closing = closing_of(replace(robot, given=replace(robot.given, gains={})), file, runs, compared)
     assert all(each.corrected < 0.3 * each.nominal for each in closing)
+    assert any("was corrected before" in note for note in matched(file, runs, {"gains": GIVEN})[1].notes)
     spec = mujoco.MjSpec.from_file(str(file))
     again = corrected_of(replace(robot, file=file), RobotSimulator(robot, {}).machine({}), {}, tmp_path)
     assert (len(spec.texts), again.xml.count(TEXT_NAME), "delay_s" in again.xml) == (1, 1, False)

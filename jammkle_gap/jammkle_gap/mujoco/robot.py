@@ -16,6 +16,7 @@ import numpy as np
 from jammkle_gap.mujoco.carried import BASE_JOINTS, carry_base, carry_joint, free_joint
 from jammkle_gap.mujoco.coupled import followers_of
 from jammkle_gap.mujoco.runs import BadRobotError, Base, Gains, Quantity, Sense
+from jammkle_gap.mujoco.unsaid import TEXT_NAME
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -612,3 +613,5 @@ def _note_unknown(spec: mujoco.MjSpec, notes: list[str]) -> None:
     tendons = [each.name for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_TENDON]
     if tendons:
         notes.append(f"actuators on tendons get no command, and no effect acts on them: {', '.join(tendons)}")
+    if any(each.name == TEXT_NAME for each in spec.texts):
+        notes.append("the model was corrected before: what its text says beside MJCF is not simulated, but found anew")
