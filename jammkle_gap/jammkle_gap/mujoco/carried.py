@@ -6,13 +6,12 @@ takes, and pull back what strays. In place of a base's free joint there are thre
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError, Quantity
+from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import Run
 
     Array = NDArray[np.float64]
@@ -128,30 +126,3 @@ def state_of(coordinates: Array, rates: Array) -> tuple[Array, Array]:
         yawing * np.cos(pitch) * np.cos(roll) - pitching * np.sin(roll),
     ]
     return np.concatenate([coordinates[:3], quaternion]), np.concatenate([rates[:3], spin])
-
-
-_SUNK_M = 0.01
-"""How deep a robot may stand in what is fixed. Chosen: floors give, and heights of odometry err, by millimetres."""
-
-
-def lifted(robot: Robot, run: Run) -> Run:
-    """Return a run whose free base does not begin in the floor, as odometry does that counts from where it began."""
-    if not robot.floating:
-        return run
-    model = robot.model
-    data = mujoco.MjData(model)
-    begin_s = max(each.time_s[0] for each in run.base)
-    at = np.array([begin_s])
-    free = int(model.joint(robot.floating).qposadr[0])
-    data.qpos[free : free + len(BASE_COLUMNS)] = [float(each.at(at)[0]) for each in run.base]
-    for name in robot.joints:
-        data.joint(name).qpos[0] = float(run.measured[name, Quantity.POSITION].at(at)[0])
-    mujoco.mj_forward(model, data)
-    fixed = model.body_weldid[model.geom_bodyid] == 0
-    depths = [-float(each.dist) for each in data.contact if fixed[each.geom1] or fixed[each.geom2]]
-    depth = max(depths, default=0.0)
-    if depth <= _SUNK_M:
-        return run
-    base = (*run.base[:2], run.base[2].changed(1.0, depth), *run.base[3:])
-    note = f"odometry of {run.name} has the robot {depth:.3g} m in the floor where it begins: it is lifted by that"
-    return replace(run, base=base, notes=(*run.notes, note))

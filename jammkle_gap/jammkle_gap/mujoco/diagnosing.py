@@ -21,7 +21,6 @@ from jammkle_gap.core.effects import Library
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.core.simulate import Problem
 from jammkle_gap.mujoco.bags import run_of_bag
-from jammkle_gap.mujoco.carried import lifted
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import scales_of
 from jammkle_gap.mujoco.offer import offer_of
@@ -29,7 +28,7 @@ from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_csv
 from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
 from jammkle_gap.mujoco.simulator import RobotSimulator
-from jammkle_gap.mujoco.windows import recordings_of, repeats_of
+from jammkle_gap.mujoco.windows import lifted, recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-unt
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_gap.mujoco.carried import BASE_JOINTS, COORDINATES, coordinates_of
-from jammkle_gap.mujoco.runs import AXES, BadRobotError, Base, Quantity, Sense, Track
+from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, BadRobotError, Base, Quantity, Sense, Track
 from jammkle_gap.mujoco.simulator import (
     BASE,
     FORWARD_FROM_S,
@@ -403,3 +403,30 @@ def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
 
 _START_ERRORS = 3.0
 """Standard deviations of a smoothed reading that a start may be off. Chosen: smoothing bends fast motion, too."""
+
+
+_SUNK_M = 0.01
+"""How deep a robot may stand in what is fixed. Chosen: floors give, and heights of odometry err, by millimetres."""
+
+
+def lifted(robot: Robot, run: Run) -> Run:
+    """Return a run whose free base does not begin in the floor, as odometry does that counts from where it began."""
+    if not robot.floating:
+        return run
+    model = robot.model
+    data = mujoco.MjData(model)
+    begin_s = max(each.time_s[0] for each in run.base)
+    at = np.array([begin_s])
+    free = int(model.joint(robot.floating).qposadr[0])
+    data.qpos[free : free + len(BASE_COLUMNS)] = [float(each.at(at)[0]) for each in run.base]
+    for name in robot.joints:
+        data.joint(name).qpos[0] = float(run.measured[name, Quantity.POSITION].at(at)[0])
+    mujoco.mj_forward(model, data)
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    depths = [-float(each.dist) for each in data.contact if fixed[each.geom1] or fixed[each.geom2]]
+    depth = max(depths, default=0.0)
+    if depth <= _SUNK_M:
+        return run
+    base = (*run.base[:2], run.base[2].changed(1.0, depth), *run.base[3:])
+    note = f"odometry of {run.name} has the robot {depth:.3g} m in the floor where it begins: it is lifted by that"
+    return replace(run, base=base, notes=(*run.notes, note))
