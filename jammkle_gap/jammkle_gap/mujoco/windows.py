@@ -405,8 +405,9 @@ _START_ERRORS = 3.0
 """Standard deviations of a smoothed reading that a start may be off. Chosen: smoothing bends fast motion, too."""
 
 
-_SUNK_M = 0.01
-"""How deep a robot may stand in what is fixed. Chosen: floors give, and heights of odometry err, by millimetres."""
+_SUNK_M = 0.05
+"""How deep a robot may stand in what is fixed. Chosen: feet and floors of models give
+by up to 2 cm, and odometry that counts from its start is off by the height of the base."""
 
 
 def lifted(robot: Robot, run: Run) -> Run:
