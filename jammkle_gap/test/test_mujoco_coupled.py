@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jammkle_gap import run_of_arrays
+from jammkle_gap.mujoco.coupled import Equalities
 from jammkle_gap.mujoco.diagnosing import matched
 from jammkle_gap.mujoco.simulator import RobotSimulator
 from jammkle_gap.mujoco.windows import recordings_of
@@ -68,6 +69,25 @@ def _recorded(file: Path, joint: str, *, commands: bool) -> Run:
     table = np.array(rows)
     given = {f"{joint}.position": asked} if commands else {}
     return run_of_arrays("run", time_s, {f"{joint}.position": table[:, 0], f"{joint}.effort": table[:, 1]}, given)
+
+
+def test_chain_that_closes_in_two_ways_keeps_to_its_ranges() -> None:
+    """A parallelogram that is stretched in the model's own pose closes as the range of its rocker lets it."""
+    stretched = """
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <body name="crank"><joint name="crank" axis="0 1 0"/><geom size="0.02" mass="0.2"/>
+        <body name="rod" pos="0.1 0 0"><joint name="rod" axis="0 1 0"/><geom size="0.02" mass="0.2"/></body></body>
+      <body name="rocker" pos="0.3 0 0"><joint name="rocker" axis="0 1 0" range="RANGE"/>
+        <geom size="0.02" mass="0.2"/></body></worldbody>
+      <equality><connect body1="rod" body2="rocker" anchor="0.3 0 0"/></equality></mujoco>"""
+    for limits, side in (("-2.5 -0.2", -1.0), ("0.2 2.5", 1.0)):
+        model = mujoco.MjModel.from_xml_string(stretched.replace("RANGE", limits))
+        equalities = Equalities(model, [1, 2])
+        pose = model.qpos0.copy()
+        pose[0] = side * 1.2
+        found = equalities.placed(pose)
+        assert found[2] == pytest.approx(side * 1.2, abs=1e-6)
+        assert np.abs(equalities.rows(found)[1]).max() < 1e-6
 
 
 @pytest.mark.parametrize("kind", list(_MODELS))

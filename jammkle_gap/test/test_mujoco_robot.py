@@ -171,6 +171,49 @@ def test_efforts_beside_positions_are_fed_forward(tmp_path: Path, *, fed: bool) 
     runs, robot = matched(file, [run], {"gains": {"hip": {"kp": 40, "kd": 2}}})
     left = worst_left(robot, cut(runs, robot))
     assert left < 3.0 if fed else left > 100.0
+    if fed:  # a motor that gives less gives less of what is fed forward, too
+        (compared,) = cut(runs, robot)
+        simulator = RobotSimulator(robot, offer_of(robot, scales_of(robot, [compared])).changes)
+        weak = simulator(compared, {"torque_constant_hip.scale": 0.8})["hip/position"]
+        sag = float(np.mean(weak - simulator(compared, {})["hip/position"]))
+        assert sag == pytest.approx(0.2 * float(-effort.mean()) / (0.8 * 40.0), rel=0.1)
+
+
+def test_map_that_says_what_cannot_be_is_refused(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Each names what was said, and what may be."""
+    run = robot_arm.run("one", recorded)
+    for given, said in (
+        ({"joints": {"elbwo": {"sign": -1}}}, "joint elbwo, which no recording has; they have: yaw, shoulder, elbow"),
+        ({"joints": {"elbow": "lock"}}, "takes joint elbow for lock, which the model has not; write one of"),
+        ({"gains": {"elbow": {"kp": -3}}}, "kp -3 and kd 0 must be at least 0"),
+        ({"gains": {"elbow": 100}}, "are '100'; write {kp: ..., kd: ...}"),
+        ({"base": "hold"}, "base 'hold' must be one of held, free, measured"),
+        ({"noise": {"pos": 0.1}}, "noise: 'pos' must be one of position, velocity, effort"),
+    ):
+        assert said in refusal(tmp_path, run, given)
+
+
+def test_readings_that_stop_are_no_motion(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """No window lies over a hole; a stamp of another age is refused, and so is a hole in what is taken as a whole."""
+    hole = (recorded["time_s"] < 2.4) | (recorded["time_s"] > 3.3)
+    broken = {key: values[hole] for key, values in recorded.items()}
+    runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", broken)])
+    compared, _ = recordings_of(robot, runs, 1.0, 20.0)
+    assert compared[0].inputs.starts_s == pytest.approx((0.2, 1.2, 4.2))
+    with pytest.raises(BadRecordingError, match=r"stop for 0.91 s at 2.39 s; cut it there"):
+        cut(*matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", broken, without=("commands",))]))
+    aged = {**recorded, "time_s": np.append(recorded["time_s"][0], recorded["time_s"][1:] + 1.7e9)}
+    with pytest.raises(BadRecordingError, match=r"stop for 1.7e\+09 s"):
+        robot_arm.run("one", aged)
+
+
+def test_efforts_that_a_driver_fills_in_are_left_out(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Zeros are no measurement; where nothing else is known they are none at all."""
+    zeros = {key: 0.0 * values if key.endswith(".effort") else values for key, values in recorded.items()}
+    _, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", zeros)])
+    assert robot.efforts == ()
+    assert "efforts that never change are left out: yaw, shoulder, elbow" in robot.notes
+    assert "nor efforts of any joint" in refusal(tmp_path, robot_arm.run("one", zeros, without=("commands",)))
 
 
 def test_joints_that_joint_states_cannot_have_are_held_and_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:

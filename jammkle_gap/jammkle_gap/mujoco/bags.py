@@ -225,7 +225,8 @@ class _Commands:
         else:
             if len(message.data) != len(self._order):
                 msg = f"bag {self._bag} holds commands of {len(message.data)} numbers without names"
-                msg += "; name their joints in the map (commands: {order: [...], quantity: position})"
+                msg += f", and the map or the model names {len(self._order)} joints"
+                msg += "; name the joint of each in the map (commands: {order: [...], quantity: position})"
                 raise BadRecordingError(msg)
             note = f"numbers of the commands are taken for the {self._quantity.value} of {', '.join(self._order)}"
             if note not in self.notes:

@@ -27,7 +27,7 @@ from jammkle_gap.mujoco.offer import offer_of
 from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_csv
 from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
-from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
 from jammkle_gap.mujoco.windows import lifted, recordings_of, repeats_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.corrected import Corrected, SignalClosing
     from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.robot import Robot
+    from jammkle_gap.mujoco.runs import RobotMap
 
 _LOG = logging.getLogger(__name__)
 WINDOW_S = 2.0
@@ -132,6 +133,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),
         *_check_efforts(simulator, compared),
+        *_coarse(simulator, compared),
     ]
     for note in decided:
         _LOG.info(note)
@@ -170,13 +172,16 @@ def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -
     robot = simulator.robot
     made = [simulator(each, {}) for each in recordings]
     found: dict[str, float] = {}
+    unclear = []
     for joint in robot.efforts:
         name = f"{joint}/effort"
         read = np.concatenate([each.signal(name).values for each in recordings])
         model = np.concatenate([each[name] for each in made])
         share = float(read @ model) / max(float(model @ model), 1e-12)
         correlation = float(read @ model) / max(float(np.linalg.norm(read) * np.linalg.norm(model)), 1e-12)
-        if abs(correlation) > _CORRELATED and not 1.0 / _DOUBTED < share < _DOUBTED:
+        if abs(correlation) < _CORRELATED:
+            unclear.append(joint)
+        elif not 1.0 / _DOUBTED < share < _DOUBTED:
             found[joint] = share
     if not found:
         return []
@@ -184,9 +189,30 @@ def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -
     constants = ", ".join(f"{joint}: {1.0 / share:.3g}" for joint, share in found.items())
     msg = f"efforts are {shares} of what the model takes for the same motion; if they are currents, or of another sign"
     msg += f", write 'torque_constants: {{{constants}}}' into a map (N m/A)"
+    msg += f", with those of {', '.join(unclear)}, which this motion does not show" if unclear else ""
     if all(1.0 / _OTHER_UNIT < share < _OTHER_UNIT for share in found.values()):
         return [msg]
     raise BadRobotError(msg)
+
+
+def _coarse(simulator: RobotSimulator, recordings: Sequence[Recording]) -> list[str]:
+    """Note where half of the model's step makes another run of it: what a step makes is taken for physics."""
+    if not simulator.robot.drives:
+        return []
+    fine = simulator.machine({})
+    step_s = float(fine.model.opt.timestep)
+    fine.model.opt.timestep = 0.5 * step_s
+    found: dict[str, float] = {}
+    for each in recordings:
+        plain, finer = simulator(each, {}), run(fine, each)
+        for signal in each.signals:
+            off = float(np.sqrt(np.square(finer[signal.name] - plain[signal.name]).mean())) / scale_of(signal)
+            found[signal.name] = max(found.get(signal.name, 0.0), off)
+    most = max(found, key=lambda name: found[name])
+    if found[most] < 1.0:
+        return []
+    note = f"the model's step of {step_s:g} s changes {most} by {found[most]:.2g} times its noise, beside half of it"
+    return [f"{note}; give the model a smaller timestep, or that is taken for physics"]
 
 
 _CORRELATED = 0.8
@@ -228,12 +254,36 @@ def _beside(names: Sequence[str], found: Diagnosis) -> str:
 
 
 def _sentence(closing: Sequence[SignalClosing]) -> str:
-    most = sorted(closing, key=lambda one: one.corrected / max(one.nominal, 1e-12))[:_SAID]
-    return ", ".join(f"{each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in most)
+    order = sorted(closing, key=lambda one: one.corrected / max(one.nominal, 1e-12))
+    worse = [each for each in order[_SAID:] if each.corrected > _WORSE * each.nominal][-1:]
+    said = [f"{each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in order[:_SAID]]
+    said += [f"but {each.corrected:.3g} {each.unit} of {each.nominal:.3g} in {each.signal}" for each in worse]
+    return ", ".join(said)
 
 
+_WORSE = 1.2
+"""How much more of a signal the corrected model must leave to be said."""
 _SAID = 4
 """Signals that the note on the corrected model names: those that it closes most of."""
+
+
+def _check_names(given: RobotMap, runs: Sequence[Run], model: mujoco.MjModel) -> None:
+    """Refuse a map of joints that no recording, or no model, has.
+
+    Raises:
+        BadRobotError: as said.
+
+    """
+    recorded = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
+    known = [model.joint(k).name for k in range(model.njnt)]
+    for name, asked in given.joints.items():
+        if name not in recorded:
+            msg = f"the map names joint {name}, which no recording has; they have: {', '.join(recorded)}"
+            raise BadRobotError(msg)
+        if asked.model not in known:
+            msg = f"the map takes joint {name} for {asked.model}, which the model has not"
+            msg += f"; write one of {', '.join(known)}, or 'locked' or 'measured'"
+            raise BadRobotError(msg)
 
 
 def matched(
@@ -272,6 +322,7 @@ def matched(
         ):
             msg = f"recordings {first.name} and {second.name} hold the same readings; give each of them once"
             raise BadRecordingError(msg)
+    _check_names(given, runs, nominal)
     runs = [in_model_terms(run, given) for run in runs]
     names = [run.name for run in runs]
     runs = [

@@ -176,7 +176,14 @@ def _torque_constant(machine: Machine, joint: str, values: Sequence[float]) -> N
         actuator = _actuator(machine, joint)
         actuator.gainprm[:] *= values[0]
         actuator.biasprm[:] *= values[0]
+        _share_fed(machine, joint, values[0])
     machine.effort_scale[joint] = machine.effort_scale.get(joint, 1.0) / values[0]
+
+
+def _share_fed(machine: Machine, joint: str, share: float) -> None:
+    """Let a share of commanded efforts arrive, where there are any."""
+    if any(each.joint == joint and each.feeding for each in machine.robot.drives):
+        machine.fed_share[joint] = machine.fed_share.get(joint, 1.0) * share
 
 
 def _position_gain(machine: Machine, joint: str, values: Sequence[float]) -> None:
@@ -205,6 +212,7 @@ def _compliance(machine: Machine, joint: str, values: Sequence[float]) -> None:
     softer = 1.0 / (1.0 + values[0] * actuator.gainprm[0])
     actuator.gainprm[:] *= softer
     actuator.biasprm[:] *= softer
+    _share_fed(machine, joint, softer)
     machine.compliance[joint] = values[0]
 
 

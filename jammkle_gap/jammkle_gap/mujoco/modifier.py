@@ -161,7 +161,7 @@ class Modifier:
         if rate.times_s:
             asked += drive.lead_s * rate.mean(begin_s, step_s)
         if effort.times_s:
-            asked += drive.per_effort * effort.mean(begin_s, step_s)
+            asked += drive.per_effort * unsaid.fed_share.get(joint, 1.0) * effort.mean(begin_s, step_s)
         for each in (point, rate, effort):
             each.forget(begin_s - FORWARD_FROM_S)
         if drive.quantity is Quantity.EFFORT:

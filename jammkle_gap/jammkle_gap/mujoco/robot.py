@@ -121,9 +121,9 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
         if int(model.jnt_type[k]) in {_HINGE, _SLIDE} and model.joint(k).name not in held
     ]
     notes: list[str] = []
-    measured, missing = _matched_joints(file, scalar, runs, given, notes)
+    measured = _measured_joints(file, scalar, runs, given)
     followers = _followers(model, measured, given, notes)
-    missing = [joint for joint in missing if joint not in followers]
+    missing = _missing_joints(file, [joint for joint in scalar if joint not in followers], runs, given, notes)
     if missing:
         notes.append(f"joints of the model that nobody measured are locked where it has them: {', '.join(missing)}")
     locked = [*given.locked, *missing]
@@ -139,8 +139,8 @@ def match(file: Path, runs: Sequence[Run], given: RobotMap) -> Robot:
     carried += _left_to_others(spec, model, others, asked, notes, by_commands=bool(commanded))
     if commanded:
         drives, estimated = _made_drives(spec, commanded, runs, given, notes)
-        _check_commands(drives, runs)
-    known = {joint for run in runs for joint, quantity in run.measured if quantity is Quantity.EFFORT}
+        _check_commands(drives, runs, notes)
+    known = _known_efforts(runs, measured, notes)
     measured = [joint for joint in measured if joint not in carried]
     efforts = [joint for joint in measured if joint in known]
     if not drives:
@@ -275,13 +275,11 @@ def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
         raise BadRobotError(msg) from error
 
 
-def _matched_joints(
-    file: Path, scalar: Sequence[str], runs: Sequence[Run], given: RobotMap, notes: list[str]
-) -> tuple[list[str], list[str]]:
-    """Return the model's joints that all recordings measure, and those that none does and nobody locked.
+def _measured_joints(file: Path, scalar: Sequence[str], runs: Sequence[Run], given: RobotMap) -> list[str]:
+    """Return the model's joints that all recordings measure.
 
     Raises:
-        BadRobotError: a name of the map or of a recording has no joint that it could mean.
+        BadRobotError: a name of the map has no joint that it could mean, or no joint was measured.
 
     """
     known = (*given.locked, *given.carried, *given.gains, *given.torque_constants)
@@ -290,26 +288,39 @@ def _matched_joints(
         msg = f"the map names joint {wrong[0]}, which model {file.name} has not; it has: {', '.join(scalar)}"
         raise BadRobotError(msg)
     names = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
-    everywhere = [name for name in names if all(name in run.joints() for run in runs)]
-    measured = [name for name in scalar if name in everywhere and name not in given.locked]
-    strange = [name for name in names if name not in scalar]
-    missing = [name for name in scalar if name not in names and name not in given.locked]
+    measured = [name for name in scalar if all(name in run.joints() for run in runs) and name not in given.locked]
     if not measured:
         msg = f"no joint of the recordings ({', '.join(names)}) is in model {file.name} ({', '.join(scalar)})"
         msg += "; say which is which in a map (joints: {recorded: model})"
         raise BadRobotError(msg)
+    return measured
+
+
+def _missing_joints(
+    file: Path, scalar: Sequence[str], runs: Sequence[Run], given: RobotMap, notes: list[str]
+) -> list[str]:
+    """Return the joints that no recording measures and nobody locked.
+
+    Raises:
+        BadRobotError: a name of a recording has no joint that it could mean.
+
+    """
+    names = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
+    strange = [name for name in names if name not in scalar]
+    missing = [name for name in scalar if name not in names and name not in given.locked]
     if strange and missing:
         near = difflib.get_close_matches(strange[0], missing, 1, 0.0)[0]
-        msg = f"joint {strange[0]} of the recordings is not in model {file.name}, and its joint {near} not in these"
-        msg += f"; if they are one write 'joints: {{{strange[0]}: {near}}}' into a map, else '{near}: locked'"
+        msg = f"joint {strange[0]} of the recordings is not in model {file.name}, and these of its joints not in them: "
+        msg += f"{', '.join(missing)}; if {near} is meant write 'joints: {{{strange[0]}: {near}}}' into a map"
+        msg += f", else '{near}: locked'"
         raise BadRobotError(msg)
     if strange:
         notes.append(f"joints of the recordings that the model has not are left out: {', '.join(strange)}")
-    some = [name for name in names if name in scalar and name not in everywhere]
+    some = [name for name in names if name in scalar and not all(name in run.joints() for run in runs)]
     if some:
         msg = f"joint {some[0]} is measured in some recordings and not in others; lock it, or leave these out"
         raise BadRobotError(msg)
-    return measured, missing
+    return missing
 
 
 def _check_units(model: mujoco.MjModel, joints: Sequence[str], runs: Sequence[Run], given: RobotMap) -> None:
@@ -357,8 +368,8 @@ def _commanded(runs: Sequence[Run], measured: Sequence[str]) -> dict[str, set[Qu
     return found[0]
 
 
-def _check_commands(drives: Sequence[Drive], runs: Sequence[Run]) -> None:
-    """Refuse commanded positions that a joint follows, but in another unit.
+def _check_commands(drives: Sequence[Drive], runs: Sequence[Run], notes: list[str]) -> None:
+    """Refuse commanded positions that a joint follows, but in another unit; note those that it moves against.
 
     Raises:
         BadRobotError: as said.
@@ -373,16 +384,32 @@ def _check_commands(drives: Sequence[Drive], runs: Sequence[Run]) -> None:
             moved, wanted = read.values - read.values.mean(), asked - asked.mean()
             size = float(np.linalg.norm(moved) * np.linalg.norm(wanted))
             share = float(moved @ wanted) / max(float(wanted @ wanted), 1e-12)
+            if min(np.ptp(read.values), np.ptp(asked)) < _STANDS:
+                continue
+            if float(moved @ wanted) < -_FOLLOWS * size:
+                notes.append(f"joint {drive.joint} of {run.name} moves against its commands: look at the sign of one")
             if float(moved @ wanted) > _FOLLOWS * size and not 1.0 / _OTHER_UNIT < share < _OTHER_UNIT:
                 msg = f"joint {drive.joint} of recording {run.name} moves by {share:.3g} of what is commanded"
                 msg += "; write 'commands: {units: degrees}', or radians, into the map, if angles of one are in degrees"
                 raise BadRobotError(msg)
 
 
+_STANDS = 1e-3
+"""Travel, rad or m, below which a joint, or its command, stands: an encoder's step."""
 _FOLLOWS = 0.8
 """Correlation of position and command from which on a joint follows."""
 _OTHER_UNIT = 10.0
 """How many times what is commanded a joint may move. Chosen: degrees are 57 rad, and no drive is as soft as this."""
+
+
+def _known_efforts(runs: Sequence[Run], measured: Sequence[str], notes: list[str]) -> set[str]:
+    """Return the joints whose efforts were measured, without those that never change, as a driver fills them in."""
+    tracks = {joint: [run.measured[joint, Quantity.EFFORT] for run in runs if (joint, Quantity.EFFORT) in run.measured]
+              for joint in measured}  # fmt: skip
+    known = {joint for joint, efforts in tracks.items() if any(float(np.ptp(each.values)) > 0.0 for each in efforts)}
+    if constant := [joint for joint, efforts in tracks.items() if efforts and joint not in known]:
+        notes.append(f"efforts that never change are left out: {', '.join(constant)}")
+    return known
 
 
 def _actuators(spec: mujoco.MjSpec, joint: str) -> list[mujoco.MjsActuator]:

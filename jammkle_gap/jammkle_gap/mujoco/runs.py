@@ -23,7 +23,7 @@ import csv
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import yaml
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+
+_Kind = TypeVar("_Kind", bound=Enum)
 
 
 class BadRobotError(ValueError):
@@ -249,8 +252,7 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
     _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
     gains = {}
     for name, said in dict(table.get("gains") or {}).items():
-        _check_keys(said, ("kp", "kd"), f"{where}, gains of {name}")
-        gains[str(name)] = Gains(float(said["kp"]), float(said.get("kd", 0.0)))
+        gains[str(name)] = _gains_of(said, f"{where}, gains of {name}")
     tolerances = {str(name): float(value) for name, value in dict(table.get("tolerances") or {}).items()}
     _check_keys(tolerances, TOLERATED, f"{where}, tolerances")
     for name, value in tolerances.items():
@@ -267,15 +269,38 @@ def _map_of(table: dict[str, Any], where: str) -> RobotMap:
         table.get("states"),
         commands.get("topic"),
         tuple(map(str, commands.get("order") or ())),
-        Quantity(commands.get("quantity", "position")),
+        _choice(Quantity, commands.get("quantity", "position"), f"{where}, commands: quantity"),
         gains,
         {str(name): float(value) for name, value in dict(table.get("torque_constants") or {}).items()},
-        Base(table.get("base", "held")),
-        {Quantity(name): float(value) for name, value in dict(table.get("noise") or {}).items()},
+        _choice(Base, table.get("base", "held"), f"{where}: base"),
+        {
+            _choice(Quantity, name, f"{where}, noise:"): float(value)
+            for name, value in dict(table.get("noise") or {}).items()
+        },
         tolerances,
         {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
         senses,
     )
+
+
+def _gains_of(said: Any, where: str) -> Gains:
+    if not isinstance(said, dict) or not said:
+        msg = f"{where} are '{said}'; write {{kp: ..., kd: ...}}, of a velocity controller kd alone"
+        raise BadRobotError(msg)
+    _check_keys(said, ("kp", "kd"), where)
+    found = Gains(float(said.get("kp", 0.0)), float(said.get("kd", 0.0)))
+    if not (found.kp >= 0.0 and found.kd >= 0.0 and found.kp + found.kd > 0.0):
+        msg = f"{where}: kp {found.kp:g} and kd {found.kd:g} must be at least 0, and one of them above"
+        raise BadRobotError(msg)
+    return found
+
+
+def _choice(kind: type[_Kind], said: Any, where: str) -> _Kind:
+    known = {each.value: each for each in kind}
+    if said not in known:
+        msg = f"{where} '{said}' must be one of {', '.join(map(str, known))}"
+        raise BadRobotError(msg)
+    return known[said]
 
 
 def _in_degrees(table: Mapping[str, Any], where: str) -> bool | None:
@@ -376,6 +401,8 @@ def _split_sensed(
 
 LONGEST_STEP_S = 0.2
 """Between readings, on the median. Chosen: a robot that moves once a second is differentiated by five of them."""
+_LONGEST_HOLE_S = 30.0
+"""Of readings. Chosen: a lost link comes back within seconds; more is two recordings in one, or a wrong stamp."""
 FEWEST = 20
 """Samples of a recording. Chosen: fewer cannot be differentiated."""
 _TIME, _COMMAND = "time_s", "command."
@@ -426,7 +453,12 @@ def checked(run: Run) -> Run:
         if count < FEWEST:
             msg = f"recording {run.name} holds {count} positions of joint {joint}, fewer than {FEWEST}; record longer"
             raise BadRecordingError(msg)
-        between_s = float(np.median(np.diff(run.measured[joint, Quantity.POSITION].time_s)))
+        steps_s = np.diff(run.measured[joint, Quantity.POSITION].time_s)
+        between_s = float(np.median(steps_s))
+        if steps_s.max() > _LONGEST_HOLE_S:
+            msg = f"positions of joint {joint} in recording {run.name} stop for {steps_s.max():.4g} s"
+            msg += f", more than {_LONGEST_HOLE_S:g} s; cut it there and give its parts, or look at its stamps"
+            raise BadRecordingError(msg)
         if between_s > LONGEST_STEP_S:
             msg = f"recording {run.name} has {between_s:.4g} s between positions of joint {joint}, more than"
             msg += f" {LONGEST_STEP_S:g} s; give times in seconds, and record at 5 Hz or more"

@@ -375,7 +375,8 @@ def _asked(machine: Machine, motion: Motion) -> Array:
                 rate = rate + forward * (padded[2 * half :] - padded[: -2 * half]) / (2.0 * half * motion.step_s)
             asked = asked + kd / kp * rate
         if drive.feeding:
-            asked = asked + motion.feeding[:, column] / float(actuator.gainprm[0])
+            arriving = machine.fed_share.get(drive.joint, 1.0) * motion.feeding[:, column]
+            asked = asked + arriving / float(actuator.gainprm[0])
         # Drives regulate what their encoders read.
         scale, offset = machine.scale.get(drive.joint, 1.0), machine.offset.get(drive.joint, 0.0)
         found[:, column] = (asked - offset if drive.quantity is Quantity.POSITION else asked) / scale

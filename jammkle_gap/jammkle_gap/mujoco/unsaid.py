@@ -60,6 +60,8 @@ class Unsaid:
     """Reading of an encoder at zero."""
     scale: dict[str, float] = field(default_factory=dict)
     """Reading of an encoder per motion."""
+    fed_share: dict[str, float] = field(default_factory=dict)
+    """Of a commanded effort that arrives at the joint, as torque constant and transmission have it."""
     effort_scale: dict[str, float] = field(default_factory=dict)
     """Reading of an effort per effort."""
     stribeck: dict[str, tuple[float, float]] = field(default_factory=dict)

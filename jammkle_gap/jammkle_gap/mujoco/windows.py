@@ -16,7 +16,7 @@ from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-unt
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
 from jammkle_gap.mujoco.carried import BASE_JOINTS, COORDINATES, coordinates_of
-from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, BadRobotError, Base, Quantity, Sense, Track
+from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, LONGEST_STEP_S, BadRobotError, Base, Quantity, Sense, Track
 from jammkle_gap.mujoco.simulator import (
     BASE,
     FORWARD_FROM_S,
@@ -71,10 +71,14 @@ def recordings_of(
     for run in runs:
         motion, begin_s = _motion_of(robot, run)
         if not robot.drives:
+            if holes := _holes(robot, run, begin_s):
+                begin, end = holes[0]
+                msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
+                raise BadRecordingError(msg)
             chosen, others = [0.0], []
             length = motion.end_s
         else:
-            length, every = _windows(robot, motion, run, window_s)
+            length, every = _windows(robot, motion, run, window_s, begin_s)
             most = max(int(min(search_s / len(runs) / length, len(every))), 1)
             chosen = [
                 max(part.tolist(), key=lambda start: _travel(motion, start, length))
@@ -207,7 +211,7 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
     raise BadRecordingError(msg)
 
 
-def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[float, list[float]]:
+def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: float) -> tuple[float, list[float]]:
     """Return the length of a run's windows and when each begins, s."""
     if robot.given.base is Base.FREE and not robot.floating:
         return motion.end_s - LEAD_S, [LEAD_S]
@@ -216,7 +220,27 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[f
         msg = f"recording {run.name} holds {motion.end_s:.2f} s, too short; record {2.0 * LEAD_S + window_s:g} s"
         raise BadRecordingError(msg)
     length = min(window_s, room)
-    return length, (LEAD_S + length * np.arange(int(room / length + 1e-9))).tolist()
+    starts = (LEAD_S + length * np.arange(int(room / length + 1e-9))).tolist()
+    holes = _holes(robot, run, begin_s)
+    whole = [each for each in starts if all(each + length < begin or each - LEAD_S > end for begin, end in holes)]
+    if not whole:
+        begin, end = holes[0]
+        msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s"
+        msg += f", and no window is without such a hole; record {length:g} s and more in one piece"
+        raise BadRecordingError(msg)
+    return length, whole
+
+
+def _holes(robot: Robot, run: Run, begin_s: float) -> list[tuple[float, float]]:
+    """Return when readings of positions stop for longer than they may, from the start of what is compared, s."""
+    found = []
+    for name in robot.joints:
+        time_s = run.measured[name, Quantity.POSITION].time_s
+        found += [
+            (float(time_s[k] - begin_s), float(time_s[k + 1] - begin_s))
+            for k in np.flatnonzero(np.diff(time_s) > LONGEST_STEP_S)
+        ]
+    return found
 
 
 def _travel(motion: Motion, start_s: float, length_s: float) -> float:
