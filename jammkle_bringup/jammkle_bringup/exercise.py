@@ -150,7 +150,7 @@ def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
         client.ankles()
         # The simulation of one ankle of a robot stands above the ankle's own namespace.
         within = {resolved(above, SIM_NODE) for above in _above(client.namespace)}
-        return bool(within & client.nodes())
+        return client.wait_until(lambda: bool(within & client.nodes()), _SEEN_S)  # nodes are found one by one
 
 
 def _above(namespace: str) -> list[str]:
