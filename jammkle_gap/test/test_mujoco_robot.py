@@ -216,6 +216,21 @@ def test_efforts_that_a_driver_fills_in_are_left_out(tmp_path: Path, recorded: r
     assert "nor efforts of any joint" in refusal(tmp_path, robot_arm.run("one", zeros, without=("commands",)))
 
 
+def test_joint_of_a_tendon_is_offered_as_measured(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """A finger that is commanded and that only a tendon moves has a way out."""
+    winch = robot_arm.SERVOS.replace('<position name="elbow" joint="elbow" kp="60" kv="2.5"/>', "")
+    model = robot_arm.write_model(tmp_path, f'{winch}<motor name="winch" tendon="cable"/>')
+    model.write_text(model.read_text().replace("<actuator>", CABLE))
+    run = robot_arm.run("one", recorded, without=("effort",))
+    with pytest.raises(BadRobotError, match=r"if a tendon moves it write 'joints: {elbow: measured}'"):
+        matched(model, [run])
+    _, robot = matched(model, [run], {"joints": {"elbow": "measured"}})
+    assert robot.carried == ("elbow",)
+    (tmp_path / "empty.csv").write_text("time_s,elbow.position\n")
+    with pytest.raises(BadRecordingError, match=r"empty\.csv holds no samples"):
+        run_of_csv(tmp_path / "empty.csv")
+
+
 def test_joints_that_joint_states_cannot_have_are_held_and_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """A joint without a name and a ball joint do not swing in silence."""
     model = robot_arm.write_model(tmp_path)

@@ -77,7 +77,7 @@ class Equalities:
         return data.efc_J.reshape(data.nefc, self._model.nv).copy(), data.efc_pos.copy()
 
     def relative(self, position: Array) -> Array:
-        """Return the Jacobian at a pose that need not close, without what moves both bodies of an equality alike."""
+        """Return the Jacobian at a pose that need not close, without what moves both bodies of an equality together."""
         table, _ = self.rows(position)
         model = self._model
         bodies = {int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)}

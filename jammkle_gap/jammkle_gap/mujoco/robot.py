@@ -460,6 +460,8 @@ def _made_drives(
                 msg = f"joint {joint} is commanded by {wanted.value}, and the model has {what} for it"
                 msg += f"; describe its controller in a map (gains: {{{joint}: {{kp: ..., kd: ...}}}})"
                 msg += ", or record efforts to estimate it from"
+                if not own and any(each.trntype == mujoco.mjtTrn.mjTRN_TENDON for each in spec.actuators):
+                    msg += f"; if a tendon moves it write 'joints: {{{joint}: measured}}'"
                 raise BadRobotError(msg)
             estimated.append(joint)
             notes.append(

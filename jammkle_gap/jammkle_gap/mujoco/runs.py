@@ -418,6 +418,9 @@ def run_of_csv(path: Path) -> Run:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
+        if len(rows) <= 1:
+            msg = f"{path} holds no samples"
+            raise BadRecordingError(msg)
         names = [each.strip() for each in rows[0]]
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:] if row])
         columns = dict(zip(names, table.T, strict=True))
