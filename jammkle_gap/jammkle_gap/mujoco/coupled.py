@@ -30,7 +30,7 @@ _CLOSED = 1e-10
 _SOLVED = 1e-6
 """Violation, m or rad, up to which a chain is closed."""
 _LONGEST = 0.2
-"""Longest step of the iteration, rad or m. Chosen: a tenth of a turn at most, so that it stays on its way."""
+"""Longest step of the iteration, rad or m. Chosen: small beside a turn, so that it stays on its way."""
 _ACTS = 1e-9
 """Entry of a Jacobian from which on a joint counts as coupled."""
 _DECIDED = 1e-6

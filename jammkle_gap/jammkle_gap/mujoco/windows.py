@@ -71,10 +71,7 @@ def recordings_of(
     for run in runs:
         motion, begin_s = _motion_of(robot, run)
         if not robot.drives:
-            if holes := _holes(robot, run, begin_s):
-                begin, end = holes[0]
-                msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
-                raise BadRecordingError(msg)
+            _check_whole(robot, run, begin_s)
             chosen, others = [0.0], []
             length = motion.end_s
         else:
@@ -214,6 +211,7 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
 def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: float) -> tuple[float, list[float]]:
     """Return the length of a run's windows and when each begins, s."""
     if robot.given.base is Base.FREE and not robot.floating:
+        _check_whole(robot, run, begin_s)
         return motion.end_s - LEAD_S, [LEAD_S]
     room = motion.end_s - LEAD_S
     if room <= LEAD_S:
@@ -229,6 +227,19 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: f
         msg += f", and no window is without such a hole; record {length:g} s and more in one piece"
         raise BadRecordingError(msg)
     return length, whole
+
+
+def _check_whole(robot: Robot, run: Run, begin_s: float) -> None:
+    """Refuse holes in a recording that is compared as a whole.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    if holes := _holes(robot, run, begin_s):
+        begin, end = holes[0]
+        msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
+        raise BadRecordingError(msg)
 
 
 def _holes(robot: Robot, run: Run, begin_s: float) -> list[tuple[float, float]]:
