@@ -18,7 +18,7 @@ help:
 	@echo "make live   set up, ten minutes of landings at 1 kHz through the live graph, and four ankles; writes live.json"
 	@echo "make faults set up, on two laws of the air, inject 500 random faults and jam for an hour; writes studies/faults/README.md, 30 minutes"
 	@echo "make soak   set up, 20 demos, ten times the graph tests and once all tests beside four busy loops; jam half an hour with random faults, once simulated and once on the firmware; 1,000,000 malformed frames; malformed requests, 100,000 and 17,000 over DDS"
-	@echo "make blind  set up, check the diagnosis blind: the standard trial, two hours; goes on where it was stopped"
+	@echo "make blind  set up, check the diagnosis of an ankle blind: 100 machines in other equations; goes on where it was stopped"
 	@echo "make robots set up, check the diagnosis of any robot blind: 100 cases, some hours; goes on where it was stopped"
 	@echo "make paper  set up, run every test of the paper; writes runs/paper/paper.html, half a minute"
 	@echo "make studies set up, run the tests of the studies"

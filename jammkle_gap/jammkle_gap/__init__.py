@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from jammkle_gap.ankle.corrected import Correction
     from jammkle_gap.ankle.effects import ankle_library
     from jammkle_gap.ankle.inputs import AnkleInputs
-    from jammkle_gap.ankle.problem import ankle_problem
+    from jammkle_gap.ankle.problem import ankle_problem, experiments
     from jammkle_gap.ankle.recording import load_recordings, recording_of_run
     from jammkle_gap.ankle.repeats import with_settings
     from jammkle_gap.ankle.sensors import RESOLUTION, UNITS, quantity_of
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.diagnose import diagnose, evidence_of
     from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library, Nuisance
-    from jammkle_gap.core.features import features_of, layout_of, measured
+    from jammkle_gap.core.features import Layout, features_of, layout_of, measured
     from jammkle_gap.core.fit import Profiles, grid_signatures
     from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
     from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
@@ -46,6 +46,7 @@ _HOMES = {
     "Experiment": "core.design",
     "HiddenEffect": "landing",
     "InfeasibleError": "core.simulate",
+    "Layout": "core.features",
     "Library": "core.effects",
     "Modifier": "mujoco.modifier",
     "Nuisance": "core.effects",
@@ -72,6 +73,7 @@ _HOMES = {
     "diagnose": "core.diagnose",
     "diagnose_mujoco": "mujoco.diagnosing",
     "evidence_of": "core.diagnose",
+    "experiments": "ankle.problem",
     "features_of": "core.features",
     "fit_place": "core.search",
     "fit_scatter": "core.scatter",
@@ -104,6 +106,7 @@ __all__ = [
     "Experiment",
     "HiddenEffect",
     "InfeasibleError",
+    "Layout",
     "Library",
     "Modifier",
     "Nuisance",
@@ -128,6 +131,7 @@ __all__ = [
     "diagnose",
     "diagnose_mujoco",
     "evidence_of",
+    "experiments",
     "features_of",
     "fit_place",
     "fit_scatter",

@@ -1,192 +1,156 @@
-"""`make blind`: make a trial, diagnose it from its bags alone, compare with what is true, and write a page.
+"""`make blind`: try the diagnosis of an ankle on machines in other equations whose truth is withheld from it.
 
-It goes on where it was stopped: finished cases and answers are kept by joblib.Memory in the folder of the trial.
+It goes on where it was stopped: finished cases stand in a file, one line each.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import json as json_format
+import hashlib
+import json
+import statistics
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import joblib  # type: ignore[import-untyped]  # carries no types
 import typer
+from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
+from scipy.stats import binomtest  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
-from jammkle_common.command.options import JsonOption
-from jammkle_common.command.results import check_writable, console, progress_bar, write_json
-from jammkle_common.constants import MAX_SEED
-from jammkle_gap import ankle_library
-from studies.blind.cases import case_names, read_case, read_json, read_key, write_key
-from studies.blind.diagnose import SAMPLED, Way, answers, blind_questions, commit, open_questions, sampled
-from studies.blind.make import make_case, plan_of
-from studies.blind.page import FIGURES, case_row, page
-from studies.blind.plan import RIGS, STANDARD_CASES, STANDARD_SEED, regime
-from studies.blind.score import Case, answer_of, score_of
+from studies.blind.observer import NAMEABLE, Observer
+from studies.blind.trial import run_case
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from studies.blind.cases import Truth
-    from studies.blind.score import Answer, WayScore
+    Case = Mapping[str, Any]
 
-MOST_CASES = 9999
-_WAYS = {
-    Way.WITH: "rig's sensors, five references",
-    Way.FEWER: "rig's sensors, three references",
-    Way.WITHOUT: "rig's sensors, no reference",
-    Way.ROBOT: "robot's sensors, five references",
-    Way.INSTRUMENTED: "instrumented tendons, five references",
-}
+STANDARD_SEED, STANDARD_CASES = 46_900, 100
+DEVELOPMENT_SEEDS = 1000
+"""Seeds below it are for development; nothing in the diagnosis may be tuned on another."""
 
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
 
 
 @app.command()
 def blind(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of trial, key and page, blind.html.", metavar="DIR")
-    ] = Path("runs/blind"),
-    seed: Annotated[
-        int, typer.Option(help="Everything is drawn from it; below 1000: settings for development.")
-    ] = STANDARD_SEED,
-    cases: Annotated[
-        int, typer.Option(help="How many; kinds are shared out as in the standard trial.")
-    ] = STANDARD_CASES,
-    rig: Annotated[list[str] | None, typer.Option(help="Only this rig; may be repeated.", metavar="RIG")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes, each for one case; -1: one per core.")] = -1,
-    trial: Annotated[
-        Path | None, typer.Option(help="A trial that is there already, with --key.", metavar="DIR")
-    ] = None,
-    key: Annotated[Path | None, typer.Option(help="What is true of the cases of --trial.", metavar="FILE")] = None,
-    json: JsonOption = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of cases and keys.")] = Path("runs/blind"),
+    seed: Annotated[int, typer.Option(help="Of the first case; below 1000: for development.")] = STANDARD_SEED,
+    cases: Annotated[int, typer.Option(help="How many.")] = STANDARD_CASES,
+    since: Annotated[bool, typer.Option("--since", help="Hand over five healthy runs of every exercise.")] = False,  # noqa: FBT002
+    jobs: Annotated[int, typer.Option(help="Cases at a time.")] = 2,
 ) -> int:
-    """Check the diagnosis blind: make cases, diagnose them from their bags alone, compare with what is true."""
-    for name, value, low, high in (("--seed", seed, 0, MAX_SEED), ("--cases", cases, 1, MOST_CASES)):
-        if not low <= value <= high:
-            msg = f"{name} {value} must be {low} to {high}"
+    """Try the diagnosis on machines whose truth is withheld from it."""
+    for name, value, low in (("--seed", seed, 0), ("--cases", cases, 1), ("--jobs", jobs, 1)):
+        if value < low:
+            msg = f"{name} {value} must be {low} or more"
             raise InputError(msg)
-    for each in rig or ():
-        if each not in RIGS:
-            msg = f"--rig '{each}' is not recorded in trials; known are: {', '.join(RIGS)}"
-            raise InputError(msg)
-    if (trial is None) != (key is None):
-        msg = "--trial and --key belong together; give both, or neither to make a trial"
-        raise InputError(msg)
-    check_writable(json)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"-o {output} cannot be made: {error.strerror}"
-        raise InputError(msg) from error
-    memory = joblib.Memory(output / "memory", verbose=0)
-    facts: dict[str, Any] = {"commit": commit()}
-    if trial is None or key is None:
-        trial, key = output / "trial", output / "key.json"
-        facts = {"seed": seed, "regime": regime(seed), "cases": cases, "rigs": rig or list(RIGS)} | facts
-        _make(trial, key, facts, jobs, memory)
-    notes = {name: read_case(trial / "cases" / name) for name in case_names(trial)}
-    kept = memory.cache(answers)
-    blind_ways = blind_questions(list(notes))
-    said = _run([joblib.delayed(kept)(notes[name], asked) for name, asked in blind_ways.items()], jobs, "diagnosing")
-    found = dict(zip(blind_ways, said, strict=True))
-    # What is true is read only now that all that needs none of it is said.
-    truths = read_key(key, trial)
-    open_ways = open_questions(truths, with_ceiling="seed" in facts)
-    said = _run(
-        [joblib.delayed(kept)(notes[name], asked) for name, asked in open_ways.items()], jobs, "oracle, ceiling"
-    )
-    for name, more in zip(open_ways, said, strict=True):
-        found[name] |= more
-    content = _score(output, truths, found, facts)
-    write_json(output / "blind.json", content)
-    write_json(json, content)
+    output.mkdir(parents=True, exist_ok=True)
+    file = output / ("since.jsonl" if since else "cases.jsonl")
+    done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    wanted = range(seed, seed + cases)
+    left = [each for each in wanted if each not in {one["truth"]["seed"] for one in done}]
+    observer = Observer(output / "observer")
+    tasks = (delayed(run_case)(each, observer, output, since=since) for each in left)
+    with file.open("a") as kept:
+        for case in Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks):
+            line = json.dumps(case)
+            done.append(json.loads(line))  # as it is read when it goes on
+            kept.write(line + "\n")
+            kept.flush()
+    typer.echo(figures([each for each in done if each["truth"]["seed"] in wanted]))
+    digest = hashlib.sha256("".join(sorted(json.dumps(each["truth"]) for each in done)).encode())
+    typer.echo(f"\nsha256 of the keys: {digest.hexdigest()[:16]}")
     return 0
 
 
-def _make(trial: Path, key: Path, facts: Mapping[str, Any], jobs: int, memory: Any) -> None:
-    """Make the cases that are not made yet, and write what is true of them."""
-    begun = trial / "trial.json"
-    if begun.exists() and read_json(begun) | {"commit": ""} != dict(facts) | {"commit": ""}:
-        msg = f"{trial} was begun otherwise ({begun}); give another folder, or remove {trial.parent}"
-        raise InputError(msg)
-    (trial / "cases").mkdir(parents=True, exist_ok=True)
-    begun.write_text(json_format.dumps(facts), encoding="utf-8")
-    plan, made = plan_of(facts["seed"], facts["cases"], facts["rigs"]), memory.cache(make_case)
-    tasks = [joblib.delayed(made)(facts["seed"], case, trial / "cases" / case.name) for case in plan]
-    write_key(key, dict(zip([case.name for case in plan], _run(tasks, jobs, "making cases"), strict=True)))
+def figures(cases: Sequence[Case]) -> str:
+    """Return the figures of some cases as a table in Markdown."""
+    kinds = {kind: [each for each in cases if each["truth"]["kind"] == kind] for kind in ("single", "pair", "outside")}
+    healthy = [each for each in cases if each["truth"]["kind"] == "none"]
+    singles, pairs, outside = ([each for each in kinds[kind] if is_nameable(each)] for kind in kinds)
+    named = [each for each in cases if last(each)["verdict"] == "EFFECTS"]
+    listed = [each for each in singles if last(each)["verdict"] in {"EFFECTS", "AMBIGUOUS"}]
+    unknown = [each for each in outside if last(each)["verdict"] == "UNKNOWN"]
+    lines = [
+        "| figure | cases | 95 % |",
+        "|---|---|---|",
+        _row("single effects, first before further exercises", (is_first(each, 0) for each in singles)),
+        _row("single effects, first after them", (is_first(each) for each in singles)),
+        _row("single effects, first by the least RMS error after calibration", (
+            [last(each)["rms"][0]] == each["truth"]["effects"] for each in singles if last(each)["rms"]
+        )),
+        _row("single effects, named for certain and right", (
+            last(each)["verdict"] == "EFFECTS" and is_first(each) for each in singles
+        )),
+        _row("single effects, a gap was seen", (last(each)["verdict"] != "NO_GAP" for each in singles)),
+        _row("truth in the set, of single effects with a set", (is_in_set(each) for each in listed)),
+        _row("named for certain and wrong, of all that were", (is_wrong(each) for each in named)),
+        _row("pairs, both named first", (is_first(each) for each in pairs)),
+        _row("outside the library, something else", (last(each)["verdict"] == "UNKNOWN" for each in outside)),
+        _row("- with the right subsystem", (last(each)["subsystem"] in each["truth"]["location"] for each in unknown)),
+        _row("nothing wrong, no gap", (last(each)["verdict"] == "NO_GAP" for each in healthy)),
+        _row("90 % intervals that hold the truth", (
+            low <= each["truth"]["values"][key] <= high
+            for each in singles
+            if is_first(each)
+            for key, (_, low, high) in last(each)["estimates"].items()
+            if key in each["truth"]["values"]
+        )),
+    ]  # fmt: skip
+    sizes = [len([names for names in last(each)["named"] if names]) for each in listed]
+    closed = [last(each)["closed"] for each in singles if is_first(each)]
+    further = [len(each["answers"]) - 1 for each in cases]
+    cost = [sum(one["cpu_s"] for one in each["answers"]) for each in cases]
+    for label, values in (
+        ("mean size of the set", sizes),
+        ("share of the gap that closes, median where the truth is first", closed),
+        ("further exercises, mean", further),
+        ("processor time of a case, median, s", cost),
+    ):
+        middle = statistics.mean if "mean" in label else statistics.median
+        lines.append(f"| {label} | {middle(values):.3g} | |" if values else f"| {label} | | |")
+    few = sum(not is_nameable(each) for kind in kinds.values() for each in kind)
+    lines.append(f"| not nameable by the ideal observer, and left out above | {few} | |")
+    return "\n".join(lines)
 
 
-def _run(tasks: Sequence[Any], jobs: int, title: str) -> list[Any]:
-    found = []
-    with progress_bar(title) as show, joblib.parallel_config("loky", inner_max_num_threads=1):
-        for done in joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks):
-            found.append(done)
-            show(len(found) / len(tasks), f"{len(found)} of {len(tasks)} cases")
-    return found
+def last(case: Case) -> Mapping[str, Any]:
+    """Return the last answer of a case."""
+    answer: Mapping[str, Any] = case["answers"][-1]
+    return answer
 
 
-def _score(
-    output: Path,
-    truths: Mapping[str, Truth],
-    found: Mapping[str, Mapping[str, Mapping[str, Any]]],
-    facts: dict[str, Any],
-) -> dict[str, Any]:
-    """Compare what was said, by case and way, write the page, print the figures, and return all of them."""
-    parameters = {f"{effect.name}.{each.name}": each for effect in ankle_library() for each in effect.parameters}
-
-    def said(name: str, way: Way) -> Answer | None:
-        return answer_of(found[name][way.value]) if way.value in found[name] else None
-
-    def cases_of(way: Way, names: Sequence[str]) -> list[Case]:
-        left_out = way is Way.WITH
-        return [
-            Case(name, truths[name], answer, said(name, Way.ORACLE),
-                 said(name, Way.LEFT_OUT) if left_out else None, said(name, Way.CEILING))
-            for name in names if (answer := said(name, way)) is not None
-        ]  # fmt: skip
-
-    names, some = sorted(truths), sorted(sampled(sorted(truths)))
-    headline = cases_of(Way.WITH, names)
-    ways = [score_of(_WAYS[Way.WITH], headline, parameters)]
-    if len(some) < len(names):
-        ways.append(score_of(f"{_WAYS[Way.WITH]}, sample of {len(some)}", cases_of(Way.WITH, some), parameters))
-    ways += [score_of(_WAYS[way], cases_of(way, some), parameters) for way in _WAYS if way in SAMPLED]
-    simple = {case.name: answer_of(found[case.name][Way.RMS.value]) for case in headline}
-    others = [score_of("least RMS error", [
-        Case(case.name, case.truth, dataclasses.replace(simple[case.name], classes=case.answer.classes))
-        for case in headline
-    ], parameters)]  # fmt: skip
-    under = [case for case in headline if case.ceiling is not None]
-    if under:
-        others.append(
-            score_of("ceiling", [Case(case.name, case.truth, case.ceiling) for case in under if case.ceiling], {})
-        )
-        others.append(score_of("this diagnosis, the ceiling's cases", under, parameters))
-    facts["diagnosed by"] = ", ".join(sorted({case.answer.commit for case in headline} - {""}))
-    target = output / "blind.html"
-    target.write_text(page(ways, others, facts), encoding="utf-8")
-    for figure in FIGURES:
-        if figure.name in ways[0].figures:
-            console().print(f"{figure.text}: {figure.shown(ways[0].figures)}", markup=False, highlight=False)
-    console().print(f"page: {target}", markup=False)
-    return {"trial": facts, "ways": {way.name: _as_dict(way) for way in (*ways, *others)}}
+def is_nameable(case: Case) -> bool:
+    """Return whether the ideal observer names all that is wrong."""
+    return min(case["truth"]["distances"], default=0.0) >= NAMEABLE
 
 
-def _as_dict(way: WayScore) -> dict[str, Any]:
-    def plain(found: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: dataclasses.asdict(each) for name, each in found.items()}
+def is_first(case: Case, number: int = -1) -> bool:
+    """Return whether exactly what is true is the first candidate of an answer, or declared to show the same as it."""
+    said, truth = case["answers"][number], sorted(case["truth"]["effects"])
+    if said["verdict"] not in {"EFFECTS", "AMBIGUOUS"}:
+        return False
+    return bool(said["first"] == truth)
 
-    return {
-        "figures": plain(way.figures),
-        "parts": {part: plain(found) for part, (_, found) in way.parts.items()},
-        "calibration": [dataclasses.asdict(each) for each in way.bins],
-        "outcomes": way.outcomes,
-        "cases": [case_row(case) for case in way.cases],
-    }
+
+def is_in_set(case: Case) -> bool:
+    """Return whether what is true is in the credible set."""
+    return sorted(case["truth"]["effects"]) in [sorted(names) for names in last(case)["named"]]
+
+
+def is_wrong(case: Case) -> bool:
+    """Return whether something was named that is not wrong with the machine, and shows not the same as what is."""
+    return not set(last(case)["first"]) <= set(case["truth"]["effects"]) and not is_in_set(case)
+
+
+def _row(label: str, good: Iterable[bool]) -> str:
+    values = list(good)
+    if not values:
+        return f"| {label} | | |"
+    test = binomtest(sum(values), len(values)).proportion_ci(method="wilson")
+    return f"| {label} | {sum(values)} of {len(values)} | {100 * test.low:.0f} to {100 * test.high:.0f} % |"
 
 
 if __name__ == "__main__":

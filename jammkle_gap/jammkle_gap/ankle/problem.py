@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
-_BIN_S, _SLOW_BIN_S = 0.02, 0.05
-"""Length of a bin, s, and on the slip rig, whose runs are slow."""
+_BIN_S = 0.02
+_SLOW_BIN_S = {"slip": 0.05, "cycle": 0.04, "press": 0.04, "shake": 0.04, "tilt": 0.04}
+"""Length of a bin, s, and where runs are slow: an exercise moves by at most 6 Hz."""
 _ACCURACY = 0.01
 """Share of a signal's range that the simulator is off by when its constants are fitted. Learned on pressure cycles and
 pulls of three healthy specimens in other equations (the second simulator of studies/blind, specimens 11 to 13), which
@@ -74,7 +75,7 @@ def ankle_problem(library: Library | None = None) -> Problem:
 
 def bin_s(recording: Recording) -> float:
     """Return the length of a bin for a recording's rig, s."""
-    return _SLOW_BIN_S if inputs_of(recording).rig == "slip" else _BIN_S
+    return _SLOW_BIN_S.get(inputs_of(recording).rig, _BIN_S)
 
 
 @lru_cache(maxsize=1)

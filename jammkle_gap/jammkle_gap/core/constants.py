@@ -37,6 +37,9 @@ class Constants:
     # Search.
     refined: int = 8
     """Single effects that are fitted with the simulator."""
+    refined_beside: int = 4
+    """The same from each place of the constants, where derivatives by these are dear. Chosen for time: what promises
+    most beside one place of them is most often what does beside another."""
     refined_pairs: int = 8
     """Pairs that are: half of them by the grids alone, half from a fitted single effect on."""
     paired: int = 4
@@ -54,6 +57,9 @@ class Constants:
     reweighings: int = 3
     """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once
     spread evenly over each signal, then twice block by block."""
+    hurried: int = 2
+    """The last two where derivatives by the constants are dear, and so are runs. Chosen for time: the most likely
+    candidates are fitted once more in any case."""
     sharpened: tuple[int, ...] = (2, 1)
     """Candidates that derivatives by the constants are taken anew for, each time. Chosen: the second time moves the
     payload of an arm, on a ridge with its links' masses, by half of its deviation; a third time by a twentieth."""

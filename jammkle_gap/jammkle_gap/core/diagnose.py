@@ -266,11 +266,14 @@ def _shared(
         moving = np.flatnonzero(dictionary.constants.any(axis=1)).tolist()
         if setting.references or not moving:
             continue
+        if not calibration.values:
+            found[k] = _laid(dictionary.constants, dictionary, setting, problem)
+            continue
         tasks, steps = [Task(setting.faulty[0], setting.layout, calibration.values)], []
         for i in moving:
             each = problem.constants[i]
             at = calibration.values.get(each.name, each.null)
-            steps.append(1.0 if at + each.sigma <= each.maximum else -1.0)
+            steps.append(each.step_from(at))
             values = {**calibration.values, each.name: at + steps[-1] * each.sigma}
             tasks.append(Task(setting.faulty[0], setting.layout, values))
         first, *others = runner.features(tasks, "constants of the machine")

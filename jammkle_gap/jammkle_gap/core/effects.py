@@ -111,6 +111,10 @@ class Nuisance:
             msg = f"nuisance '{self.name}' stands at {self.null:g}, outside {self.minimum:g} to {self.maximum:g}"
             raise BadEffectError(msg)
 
+    def step_from(self, value: float) -> float:
+        """Return a step of one standard deviation from a value that stays within the bounds: 1, or -1."""
+        return 1.0 if value + self.sigma <= self.maximum else -1.0
+
 
 @dataclass(frozen=True)
 class Library:

@@ -408,7 +408,9 @@ def explain(
         StoppedError: asked to stop before anything was fitted.
 
     """
-    problem = machine.problem
+    problem, affordable = machine.problem, _affordable(machine, constants)
+    if not affordable:
+        constants = replace(constants, joint_evaluations=constants.hurried, reweighings=constants.hurried)
     error = Discrepancy(machine.settings, residuals, difference, constants)
     blank = _start((), {}, [np.zeros(each.size) for each in difference.settings])
     nothing, slopes = _constants_alone(machine, error, blank, runner, constants)
@@ -438,7 +440,8 @@ def explain(
         answers, _ = _until_stopped(runner, fit_beside_error, work, "fitting")
         return [fit for fit, _ in answers if fit.features]
 
-    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants), "fitting")
+    most = constants.refined if affordable else constants.refined_beside
+    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants, most), "fitting")
     if error.left_per_feature(nothing) < constants.doubtful:
         # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
         tried = [nothing, *(fit for each in singles[:_NESTED] for fit in refitted([blank], each))]
@@ -448,7 +451,7 @@ def explain(
     pairs: list[Fit] = []
     gap = detect_jointly(machine, error, alone, noticed, constants).gap
     if finished and singles and gap:
-        if error.left_per_feature(singles[0]) > constants.doubtful and _affordable(machine, constants):
+        if error.left_per_feature(singles[0]) > constants.doubtful and affordable:
             # What it leaves is searched for a second effect, and shall be as little as can be.
             answers, finished = _until_stopped(runner, _settled, [(machine, error, singles[0], constants)], "fitting")
             singles = best_of([*(fit for fit, _ in answers), *singles])
@@ -473,13 +476,14 @@ def _promising_singles(
     blank: Fit,
     bases: Sequence[_Base],
     constants: Constants,
+    most: int,
 ) -> list[tuple[_Base, Fit, Place]]:
     """Return single effects to be fitted, each with where its constants begin.
 
     Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error of
     the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
     """
-    found = [(base, base.fit, place) for base in bases for place in base.singles[: constants.refined]]
+    found = [(base, base.fit, place) for base in bases for place in base.singles[:most]]
     evenly = _Base(problem, grids, error.evenly_with(blank), blank, blank, None)
     known = {place.names for base, _, place in found if base is bases[0]}
     others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
@@ -761,6 +765,12 @@ def _weighed(
         rounds = [(sharpen, 0)]  # no candidate will be named, and none needs derivatives of its own
     elif doubtful and _affordable(machine, constants):
         rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
+    if not _affordable(machine, constants):
+        chosen = sorted(likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
+        fits = [known[names] for names in chosen]
+        answers, finished = _sharpen_together(machine, error, fits, runner, constants)
+        known.update({fit.names: fit for fit, _ in answers if fit.features})
+        return known, scored(known), finished
     for function, most in rounds:
         if not finished:
             break
@@ -769,6 +779,29 @@ def _weighed(
         known.update({fit.names: fit for fit, _ in answers if fit.features})
         own = scored(known)
     return known, own, finished
+
+
+def _sharpen_together(
+    machine: Machine, error: Discrepancy, fits: Sequence[Fit], runner: Runner, constants: Constants
+) -> tuple[list[tuple[Fit, Made]], bool]:
+    """Return candidates fitted again with derivatives by the constants where the first of them has come to.
+
+    Where derivatives are dear they are taken once for all that are likely, a setting at a time.
+    """
+    about = next((fit for fit in fits if fit.names), fits[0])
+    difference, settings = error.difference_with(about), range(len(machine.settings))
+    try:
+        answers = runner.map(
+            _slopes_and_runs,
+            [(k, machine, difference, about, _FORWARD) for k in settings],
+            "constants of the machine",
+        )
+    except StoppedError:
+        return [], False
+    runner.count(made for _, made in answers)
+    slopes = [each for each, _ in answers]
+    work = [(machine, error.difference_with(fit), fit, constants, slopes) for fit in fits]
+    return _until_stopped(runner, _with_slopes, work, "constants of the machine")
 
 
 def fit_beside_error(
@@ -826,4 +859,14 @@ def _again(machine: Machine, difference: Difference, fit: Fit, constants: Consta
     signatures = machine.signatures(difference)
     slopes = slopes_at(machine, difference, fit, signatures)
     found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+    return (found if found.features else fit), signatures.made
+
+
+def _with_slopes(
+    machine: Machine, difference: Difference, fit: Fit, constants: Constants, slopes: Sequence[NDArray[np.float64]]
+) -> tuple[Fit, Made]:
+    """Return a candidate fitted again with derivatives that were taken beside another one, and the runs."""
+    count, signatures = len(machine.problem.constants), machine.signatures(difference)
+    own = [each[:, each.shape[1] - count :] for each in slopes]
+    found = fit_jointly(machine, difference, fit, signatures, constants, own)
     return (found if found.features else fit), signatures.made

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.scatter import Setting
     from jammkle_gap.core.simulate import Problem, Runner
 
-_SHARES = {1: (0.02, 0.06, 0.15, 0.3, 0.5, 0.75, 1.0), 2: (0.03, 0.12, 0.35, 1.0), 3: (0.3, 1.0)}
+_SHARES = {1: (0.1, 0.4, 1.0), 2: (0.1, 1.0), 3: (0.3, 1.0)}
 """Shares of the way from null to a bound, by the number of parameters. Chosen: about geometric, since effects of use
 begin at a few per cent of their range; fewer where there are more axes."""
 _FINE = {1: 8, 2: 4, 3: 2}
@@ -244,7 +244,7 @@ def sensed_difference(problem: Problem, setting: Setting, values: Mapping[str, f
     return mean
 
 
-_FORMAT = 6
+_FORMAT = 7
 """Of the files."""
 
 
@@ -351,7 +351,11 @@ def _scattered(
     """Return a dictionary without effects: the nominal run, nuisances, constants of the machine, and scattered runs."""
     tasks = [Task(recording, layout, {})]
     singles = (*problem.scatter, *problem.constants)
-    tasks += [Task(recording, layout, {each.name: each.null + each.sigma}) for each in singles]
+    steps = [each.step_from(each.null) for each in singles]
+    tasks += [
+        Task(recording, layout, {each.name: each.null + step * each.sigma})
+        for each, step in zip(singles, steps, strict=True)
+    ]
     # Without a contact the features are as good as linear in what scatters.
     count = constants.contact_runs if layout.event_s else 0
     draws = np.random.default_rng(0).standard_normal((count, len(problem.scatter)))
@@ -362,6 +366,7 @@ def _scattered(
     # A signal that the simulator does not give is NaN throughout, and not compared.
     nominal = features[0]
     differences = np.nan_to_num(features[1:] - nominal)
+    differences[: len(steps)] /= np.array(steps)[:, np.newaxis]
     scatter, machine, drawn = np.split(differences, [len(problem.scatter), len(singles)])
     contact = _contact(drawn, draws, scatter, layout, constants)
     return Dictionary(layout, nominal, {}, scatter, contact, machine)

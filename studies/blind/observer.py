@@ -1,0 +1,186 @@
+"""The ideal observer: it has the second simulator's equations and faults, and knows tolerances but not the specimen.
+
+It compares two explanations of the same recordings by their likelihood ratio (Neyman and Pearson 1933). Both are
+normal: signatures are simulated with the machine as drawn, and what specimens, days and sensors add has one covariance.
+The best rival has the size that suits it best. Where signatures lie d standard deviations apart, the wrong one is
+likelier with a probability of Phi(-d / 2).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import joblib  # type: ignore[import-untyped]  # carries no types
+import numpy as np
+from scipy.stats import norm  # type: ignore[import-untyped]  # carries no types
+
+from jammkle_gap import Whitener, features_of, layout_of, measured
+from studies.blind import reality
+from studies.blind.reality.faults import FAULTS, FaultSetting, eras
+from studies.blind.reality.machine import STILL, Machine
+from studies.blind.reality.run import RIGS
+from studies.blind.reality.sensors import Plan
+from studies.blind.reality.specimen import machine as specimen
+from studies.blind.signals import DAY, built, recording_of_real
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap import Layout, Recording
+    from studies.blind.reality.faults import Fault
+
+    Floats = NDArray[np.float64]
+
+EXERCISES: Final = ("cycle", "press", "shake", "tilt")
+REPEATS: Final = 3
+"""Of every exercise; the least that shows what differs from run to run."""
+NAMEABLE: Final = float(2.0 * norm.ppf(0.99))
+"""Standard deviations to the best rival from which on the observer names an effect with 99 %."""
+_SPECIMENS = 60
+"""Chosen: more than a specimen has constants."""
+_BIN_S = 0.02
+_RIVAL_SHARE = 0.3
+"""Of its range at which a rival is simulated; its signature is taken to grow in proportion. Chosen: the middle of the
+sizes in a trial."""
+_UNSEEN = ("load_cell", "late_load_cell", "rail", "dented_rail", "cable")
+"""Beginnings of the names of faults that no exercise has: there is no load cell and no rail."""
+_MOVED = ("press", "shake")
+"""Exercises whose IMU says how the shank was moved, and is no answer of the foot."""
+
+
+class Observer:
+    """Knows what every fault makes of the exercises, and how much of that tolerances and days could make as well."""
+
+    def __init__(
+        self,
+        folder: Path,
+        exercises: Sequence[str] = EXERCISES,
+        faults: Mapping[str, Fault] = FAULTS,
+        specimens: int = _SPECIMENS,
+    ) -> None:
+        """Simulate, or read what was simulated before.
+
+        Args:
+            folder: Where simulations are kept.
+            exercises: That are recorded.
+            faults: That may be there.
+            specimens: Drawn, for the covariance of the tolerances.
+
+        """
+        self._exercises = tuple(exercises)
+        self._simulated = joblib.Memory(folder / _version(), verbose=0).cache(_features)
+        self.faults = {name: fault for name, fault in faults.items() if not name.startswith(_UNSEEN)}
+        self._nominal = self._of()
+        self._whiten = self._whitener(specimens)
+        ends = [(fault, each) for fault in self.faults.values() for each in _ends(fault)]
+        rows = self._whiten(np.array(self._all([{"wrong": (each,)} for _, each in ends])) - self._nominal)
+        self._signatures = {
+            name: np.array([row for (fault, _), row in zip(ends, rows, strict=True) if fault.name == name])
+            for name in self.faults
+        }
+
+    @cached_property
+    def reach(self) -> dict[str, float]:
+        """Distance of every fault from its best rival at the end of its range, of those that are nameable there."""
+        found = {}
+        for name, rows in self._signatures.items():
+            rivals = self._rivals({self.faults[name].effect})
+            far = [min((_left(row, each) for each in rivals), default=0.0) for row in rows]
+            found[name] = max(far) / _RIVAL_SHARE
+        return {name: each for name, each in found.items() if each >= NAMEABLE}
+
+    def distances(self, wrong: Sequence[FaultSetting]) -> dict[str, float]:
+        """Return for every fault of a machine how far the best explanation without it stays away, by its name.
+
+        In standard deviations. The others of the machine are known; explanations are all effects of the library.
+        """
+        whole = self._whiten(self._of(wrong=tuple(wrong)) - self._nominal)
+        found = {}
+        for each in wrong:
+            others = tuple(other for other in wrong if other is not each)
+            own = whole - self._whiten(self._of(wrong=others) - self._nominal)
+            rivals = self._rivals({FAULTS[one.fault].effect for one in wrong})
+            found[each.fault] = min((_left(own, rows) for rows in rivals), default=float(np.linalg.norm(own)))
+        return found
+
+    def _rivals(self, without: Collection[str | None]) -> list[Floats]:
+        """Return the signatures of all effects of the library but some."""
+        named = {name: self.faults[name].effect for name in self._signatures}
+        return [rows for name, rows in self._signatures.items() if named[name] not in {None, *without}]
+
+    def _of(self, **case: Any) -> Floats:
+        """Return the features of all exercises, of `_features`."""
+        return np.concatenate([self._simulated(exercise, **case) for exercise in self._exercises])
+
+    def _all(self, cases: Sequence[Mapping[str, Any]]) -> list[Floats]:
+        """Return the features of several cases, simulated side by side."""
+        return list(joblib.Parallel(n_jobs=-1)(joblib.delayed(self._of)(**case) for case in cases))
+
+    def _whitener(self, specimens: int) -> Whitener:
+        """Return what whitens by sensors and days, as the mean of repeats has them, and by the tolerances."""
+        floor = np.concatenate([_layout(exercise).floor for exercise in self._exercises])
+        days = np.array(self._all([{"day": (each.name, each.sigma)} for each in DAY]))
+        drawn = np.array(self._all([{"seed": seed} for seed in range(1, specimens + 1)]))
+        tolerance = (drawn - drawn.mean(axis=0)) / np.sqrt(specimens - 1)
+        return Whitener(np.square(floor) / REPEATS, np.vstack([(days - self._nominal) / np.sqrt(REPEATS), tolerance]).T)
+
+
+def _ends(fault: Fault) -> list[FaultSetting]:
+    """Return a fault some way to each bound of each of its parameters."""
+    null = {key: row.null for key, row in fault.parameters.items()}
+    return [
+        FaultSetting(fault.name, {**null, key: row.null + _RIVAL_SHARE * (bound - row.null)})
+        for key, row in fault.parameters.items()
+        for bound in (row.minimum, row.maximum)
+        if bound != row.null
+    ]
+
+
+def _left(signature: Floats, rows: Floats) -> float:
+    """Return the length of what a rival of any size leaves of a signature."""
+    shares = np.linalg.lstsq(rows.T, signature, rcond=1e-6)[0]
+    return float(np.linalg.norm(signature - rows.T @ shares))
+
+
+def _features(
+    exercise: str, seed: int | None = None, wrong: Sequence[FaultSetting] = (), day: tuple[str, float] | None = None
+) -> Floats:
+    """Return the features of an exercise without noise.
+
+    Args:
+        exercise: With its default options.
+        seed: Of the specimen; None: the machine as drawn.
+        wrong: What is wrong with it.
+        day: A deviation of the machine as drawn, from `DAY`, by name; None: none.
+
+    """
+    machine = built({} if day is None else dict([day])) if seed is None else specimen(seed)
+    run = _recorded(exercise, machine, wrong)
+    return np.nan_to_num(features_of(_layout(exercise), run, measured(run), None))
+
+
+@lru_cache
+def _layout(exercise: str) -> Layout:
+    run = _recorded(exercise, Machine(), ())
+    return layout_of([run], _BIN_S, None)
+
+
+def _recorded(exercise: str, machine: Machine, wrong: Sequence[FaultSetting]) -> Recording:
+    """Return a run without chance, as a robot's sensors read it."""
+    run = recording_of_real(RIGS[exercise](Plan(exercise, {}), eras(machine, wrong, FAULTS), STILL), exercise)
+    hidden = ("carriage/", "imu/") if exercise in _MOVED else ("carriage/",)
+    return dataclasses.replace(run, signals=tuple(each for each in run.signals if not each.name.startswith(hidden)))
+
+
+def _version() -> str:
+    """Return what tells the second simulator from its other versions."""
+    digest = hashlib.blake2b(digest_size=8)
+    for file in sorted(Path(next(iter(reality.__path__))).glob("*.py")):
+        digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
