@@ -79,20 +79,17 @@ class Observer:
         self._nominal = self._of()
         self._whiten = self._whitener(specimens)
         ends = [(fault, each) for fault in self.faults.values() for each in _ends(fault)]
-        rows = self._whiten(np.array(self._all([{"wrong": (each,)} for _, each in ends])) - self._nominal)
-        self._signatures = {
-            name: np.array([row for (fault, _), row in zip(ends, rows, strict=True) if fault.name == name])
-            for name in self.faults
-        }
+        self._signatures = self._whiten(np.array(self._all([{"wrong": (each,)} for _, each in ends])) - self._nominal)
+        self._gram = self._signatures @ self._signatures.T
+        self._rows = {name: [row for row, (fault, _) in enumerate(ends) if fault.name == name] for name in self.faults}
 
     @cached_property
     def reach(self) -> dict[str, float]:
         """Distance of every fault from its best rival at the end of its range, of those that are nameable there."""
-        found = {}
-        for name, rows in self._signatures.items():
-            rivals = self._rivals({self.faults[name].effect})
-            far = [min((_left(row, each) for each in rivals), default=0.0) for row in rows]
-            found[name] = max(far) / _RIVAL_SHARE
+        found = {
+            name: max(self._least(self._signatures[row], {fault.effect}) for row in self._rows[name]) / _RIVAL_SHARE
+            for name, fault in self.faults.items()
+        }
         return {name: each for name, each in found.items() if each >= NAMEABLE}
 
     def distances(self, wrong: Sequence[FaultSetting]) -> dict[str, float]:
@@ -105,14 +102,19 @@ class Observer:
         for each in wrong:
             others = tuple(other for other in wrong if other is not each)
             own = whole - self._whiten(self._of(wrong=others) - self._nominal)
-            rivals = self._rivals({FAULTS[one.fault].effect for one in wrong})
-            found[each.fault] = min((_left(own, rows) for rows in rivals), default=float(np.linalg.norm(own)))
+            found[each.fault] = self._least(own, {FAULTS[one.fault].effect for one in wrong})
         return found
 
-    def _rivals(self, without: Collection[str | None]) -> list[Floats]:
-        """Return the signatures of all effects of the library but some."""
-        named = {name: self.faults[name].effect for name in self._signatures}
-        return [rows for name, rows in self._signatures.items() if named[name] not in {None, *without}]
+    def _least(self, signature: Floats, without: Collection[str | None]) -> float:
+        """Return the length of what the best of the library's effects but some, of any size, leaves of a signature."""
+        overlap, squared = self._signatures @ signature, float(signature @ signature)
+        least = squared
+        for name, rows in self._rows.items():
+            if self.faults[name].effect not in {None, *without}:
+                gram = self._gram[np.ix_(rows, rows)]
+                shares = np.linalg.lstsq(gram, overlap[rows], rcond=1e-9)[0]
+                least = min(least, squared - float(overlap[rows] @ shares))
+        return float(np.sqrt(max(least, 0.0)))
 
     def _of(self, **case: Any) -> Floats:
         """Return the features of all exercises, of `_features`."""
@@ -140,12 +142,6 @@ def _ends(fault: Fault) -> list[FaultSetting]:
         for bound in (row.minimum, row.maximum)
         if bound != row.null
     ]
-
-
-def _left(signature: Floats, rows: Floats) -> float:
-    """Return the length of what a rival of any size leaves of a signature."""
-    shares = np.linalg.lstsq(rows.T, signature, rcond=1e-6)[0]
-    return float(np.linalg.norm(signature - rows.T @ shares))
 
 
 def _features(

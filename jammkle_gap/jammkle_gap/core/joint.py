@@ -364,6 +364,14 @@ def _affordable(machine: Machine, constants: Constants) -> bool:
     return len(machine.problem.constants) * len(machine.settings) <= constants.affordable_derivatives
 
 
+def _in_time(machine: Machine, constants: Constants) -> Constants:
+    """Return constants that make fewer runs where those for derivatives are many already."""
+    if _affordable(machine, constants):
+        return constants
+    few = constants.hurried
+    return replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
+
+
 @dataclass(frozen=True)
 class Explained:
     """Everything that was fitted beside the constants of the machine."""
@@ -408,9 +416,7 @@ def explain(
         StoppedError: asked to stop before anything was fitted.
 
     """
-    problem, affordable = machine.problem, _affordable(machine, constants)
-    if not affordable:
-        constants = replace(constants, joint_evaluations=constants.hurried, reweighings=constants.hurried)
+    problem, constants = machine.problem, _in_time(machine, constants)
     error = Discrepancy(machine.settings, residuals, difference, constants)
     blank = _start((), {}, [np.zeros(each.size) for each in difference.settings])
     nothing, slopes = _constants_alone(machine, error, blank, runner, constants)
@@ -440,8 +446,7 @@ def explain(
         answers, _ = _until_stopped(runner, fit_beside_error, work, "fitting")
         return [fit for fit, _ in answers if fit.features]
 
-    most = constants.refined if affordable else constants.refined_beside
-    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants, most), "fitting")
+    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants), "fitting")
     if error.left_per_feature(nothing) < constants.doubtful:
         # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
         tried = [nothing, *(fit for each in singles[:_NESTED] for fit in refitted([blank], each))]
@@ -451,7 +456,7 @@ def explain(
     pairs: list[Fit] = []
     gap = detect_jointly(machine, error, alone, noticed, constants).gap
     if finished and singles and gap:
-        if error.left_per_feature(singles[0]) > constants.doubtful and affordable:
+        if error.left_per_feature(singles[0]) > constants.doubtful and _affordable(machine, constants):
             # What it leaves is searched for a second effect, and shall be as little as can be.
             answers, finished = _until_stopped(runner, _settled, [(machine, error, singles[0], constants)], "fitting")
             singles = best_of([*(fit for fit, _ in answers), *singles])
@@ -476,14 +481,13 @@ def _promising_singles(
     blank: Fit,
     bases: Sequence[_Base],
     constants: Constants,
-    most: int,
 ) -> list[tuple[_Base, Fit, Place]]:
     """Return single effects to be fitted, each with where its constants begin.
 
     Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error of
     the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
     """
-    found = [(base, base.fit, place) for base in bases for place in base.singles[:most]]
+    found = [(base, base.fit, place) for base in bases for place in base.singles[: constants.refined]]
     evenly = _Base(problem, grids, error.evenly_with(blank), blank, blank, None)
     known = {place.names for base, _, place in found if base is bases[0]}
     others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
@@ -800,7 +804,7 @@ def _sharpen_together(
         return [], False
     runner.count(made for _, made in answers)
     slopes = [each for each, _ in answers]
-    work = [(machine, error.difference_with(fit), fit, constants, slopes) for fit in fits]
+    work = [(machine, error, fit, constants, slopes) for fit in fits]
     return _until_stopped(runner, _with_slopes, work, "constants of the machine")
 
 
@@ -863,10 +867,15 @@ def _again(machine: Machine, difference: Difference, fit: Fit, constants: Consta
 
 
 def _with_slopes(
-    machine: Machine, difference: Difference, fit: Fit, constants: Constants, slopes: Sequence[NDArray[np.float64]]
+    machine: Machine, error: Discrepancy, fit: Fit, constants: Constants, slopes: Sequence[NDArray[np.float64]]
 ) -> tuple[Fit, Made]:
     """Return a candidate fitted again with derivatives that were taken beside another one, and the runs."""
-    count, signatures = len(machine.problem.constants), machine.signatures(difference)
-    own = [each[:, each.shape[1] - count :] for each in slopes]
-    found = fit_jointly(machine, difference, fit, signatures, constants, own)
-    return (found if found.features else fit), signatures.made
+    own = [each[:, each.shape[1] - len(machine.problem.constants) :] for each in slopes]
+    patient = replace(constants, joint_evaluations=constants.fit_evaluations)
+    signatures = machine.signatures(error.difference_with(fit))
+    for _ in range(constants.hurried):
+        found = fit_jointly(machine, error.difference_with(fit), fit, signatures, patient, own)
+        if not found.features:
+            break
+        fit = found
+    return fit, signatures.made
