@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -199,6 +200,7 @@ def run_case(seed: int, observer: Observer, folder: Path, *, since: bool = False
     """
     truth = truth_of(seed, observer)
     keys, bags = folder / "keys", folder / "bags" / str(seed)
+    shutil.rmtree(bags, ignore_errors=True)
     for each in (keys, bags):
         each.mkdir(parents=True, exist_ok=True)
     (keys / f"{seed}.json").write_text(json.dumps(dataclasses.asdict(truth), indent=1), encoding="utf-8")
@@ -208,6 +210,7 @@ def run_case(seed: int, observer: Observer, folder: Path, *, since: bool = False
         [path for exercise in EXERCISES for path in maker.record_healthy(exercise, REFERENCES)] if since else []
     )
     answers = diagnosed(runs, references, maker.record, jobs)
+    shutil.rmtree(bags)
     return {"truth": dataclasses.asdict(truth), "answers": [dataclasses.asdict(each) for each in answers]}
 
 

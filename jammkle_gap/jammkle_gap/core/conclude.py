@@ -25,6 +25,7 @@ from jammkle_gap.core.result import (
     Trace,
     Verdict,
 )
+from jammkle_gap.core.simulate import on_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -253,6 +254,7 @@ _ENOUGH = 5
 """References that are asked for: their mean is then known to half of one run's scatter."""
 
 
+@on_one_thread
 def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runner, constants: Constants) -> Diagnosis:
     """Return the diagnosis.
 

@@ -18,7 +18,7 @@ from jammkle_gap.core.joint import Machine, explain
 from jammkle_gap.core.scatter import difference_of, refuse_copies, residuals_of, settings_of
 from jammkle_gap.core.search import search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
-from jammkle_gap.core.simulate import Runner, Task
+from jammkle_gap.core.simulate import Runner, Task, on_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -80,6 +80,7 @@ def diagnose(  # noqa: PLR0913 - every one is a choice of the user's
     return replace(found, spent=replace(found.spent, wall_s=time.perf_counter() - started))
 
 
+@on_one_thread
 def evidence_of(
     recordings: Sequence[Recording],
     references: Sequence[Recording],

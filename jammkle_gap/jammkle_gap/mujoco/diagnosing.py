@@ -19,7 +19,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.result import Verdict
-from jammkle_gap.core.simulate import Problem
+from jammkle_gap.core.simulate import Problem, on_one_thread
 from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.effects import scales_of
@@ -71,6 +71,7 @@ class RobotDiagnosis:
     not fitted, and in those that were where the search looked at everything."""
 
 
+@on_one_thread
 def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     model: Path | str,
     bags: Sequence[Path | str | Run],
