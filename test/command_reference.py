@@ -11,12 +11,16 @@ from jammkle_common.command.main import app
 from jammkle_common.parameters import rows, typed_row
 from jammkle_sim.commands.rig import rig_app
 from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 NAME = "jammkle"
 RIG = "rig"
+ROBOT = "robot"
+SAID_ONCE = "json"
+"""The option that nearly every verb has: the page says it above the verbs."""
 
 
 def root() -> Any:
@@ -35,53 +39,60 @@ def rigs() -> Any:
 
 
 def command_text() -> str:
-    """Reference of every verb, as Markdown. The options that each rig has for itself stand on the page of the rigs."""
+    """Reference of every verb, as Markdown. What each rig and robot has to choose stands on their own pages."""
     command = root()
     at = context(command, NAME)
     parts: list[str] = []
     for name in command.list_commands(at):
         if name == RIG:
-            parts += [f"## {NAME} {RIG}", rigs().help, *rig_sections()]
-        else:
-            verb = command.get_command(at, name)
-            parts += sections(verb, context(verb, name, at), f"{NAME} {name}", "##")
+            parts += rig_section()
+            continue
+        verb = command.get_command(at, name)
+        elsewhere = typed_names(RobotOptions) if name == ROBOT else set()
+        parts += sections(verb, context(verb, name, at), f"{NAME} {name}", "##", elsewhere)
+        if elsewhere:
+            parts.append("And the [options of robots](robots.md#options).")
     return "\n\n".join(parts)
 
 
-def sections(command: Any, at: Any, name: str, marks: str) -> Iterator[str]:
-    """Every paragraph of a verb and of those below it: what it does, how it is called, its arguments and options."""
+def typed_names(options: Any) -> set[str]:
+    """Return the names of options as the command has them."""
+    return {typed_row(row).name for row in rows(options)}
+
+
+def sections(command: Any, at: Any, name: str, marks: str, elsewhere: Collection[str] = ()) -> Iterator[str]:
+    """Every paragraph of a verb and of those below it: what it does, its arguments and options."""
     yield f"{marks} {name}"
     yield re.sub(r"\s*\n\s*", " ", command.help.strip())
-    yield from usage(command, at, name)
+    yield from arguments(command, at, elsewhere)
     for below, each in getattr(command, "commands", {}).items():
         if not each.hidden:
             yield from sections(each, context(each, below, at), f"{name} {below}", f"{marks}#")
 
 
-def usage(command: Any, at: Any, name: str) -> Iterator[str]:
-    """How a verb is called, and its arguments and options."""
-    if not hasattr(command, "commands"):
-        yield f"`{name} {' '.join(command.collect_usage_pieces(at))}`"
-    records = [each.get_help_record(at) for each in command.get_params(at) if each.name != "help"]
-    lines = [f"| `{cell(signature)}` | {cell(text)} |" for signature, text in filter(None, records)]
+def arguments(command: Any, at: Any, elsewhere: Collection[str] = ()) -> Iterator[str]:
+    """Arguments and options of a verb, as a list, without those that stand elsewhere."""
+    shown = [each for each in command.get_params(at) if each.name not in {"help", SAID_ONCE, *elsewhere}]
+    records = filter(None, (each.get_help_record(at) for each in shown))
+    lines = [f"- `{spaced(signature)}`: {spaced(text)}" for signature, text in records]
     if lines:
-        yield "\n".join(["| argument or option | what |", "|---|---|", *lines])
+        yield "\n".join(lines)
 
 
-def rig_sections() -> Iterator[str]:
-    """What all rigs have in common."""
-    yield "\n".join(["| rig | what |", "|---|---|", *(f"| `{name}` | {kind.title} |" for name, kind in RIGS.items())])
+def rig_section() -> Iterator[str]:
+    """The rigs that there are, and what all of them have in common."""
+    yield f"## {NAME} {RIG}"
+    yield f"{rigs().help} `{NAME} {RIG} RIG`, which is one of:"
+    yield "\n".join(f"- `{name}`: {kind.title}" for name, kind in RIGS.items())
+    yield "Every rig takes the following, and [options of its own](rigs.md#options):"
     name, kind = next(iter(RIGS.items()))
-    own = {typed_row(row).name for row in rows(kind.options)}
     command = rigs().commands[name]
-    command.params = [each for each in command.params if each.name not in own]
-    yield from usage(command, context(command, name), f"{NAME} {RIG} RIG")
-    yield "And what [each rig](rigs.md#options-of-the-rigs) has to choose."
+    yield from arguments(command, context(command, name), typed_names(kind.options))
 
 
-def cell(text: str) -> str:
-    """Text of a help line as a cell of a table."""
-    return re.sub(r"\s+", " ", text).replace("|", "\\|")
+def spaced(text: str) -> str:
+    """Text of a help line on one line of a page."""
+    return re.sub(r"\s+", " ", text)
 
 
 def parse(words: list[str]) -> None:

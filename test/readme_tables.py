@@ -24,7 +24,7 @@ from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
 from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
-from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
+from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.registers import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
@@ -43,7 +43,6 @@ CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
-INTERFACES = {"Messages": "msg", "Services": "srv"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -88,6 +87,31 @@ def any_channel(name: str) -> str:
     return re.sub(rf"\b({'|'.join(CHANNELS)})/", "<channel>/", name)
 
 
+def ways_on(state: PolicyState) -> str:
+    """What ends a state of the policy, and which one follows."""
+    ways: dict[str, list[str]] = {}
+    for (left, trigger), following in TRANSITIONS.items():
+        if left is state:
+            ways.setdefault(following.value, []).append(trigger.value)
+    return "<br>".join(f"**{following}**: {'; '.join(triggers)}" for following, triggers in ways.items())
+
+
+def rig_lines() -> list[tuple[str, ...]]:
+    """Options of the rigs: first those that several rigs have in the same way, then what each has for itself."""
+    takers: dict[tuple[str, ...], list[str]] = {}
+    for rig in RIGS.values():
+        for row in rows(rig.options):
+            takers.setdefault(option_line(row), []).append(rig.name)
+    several = sorted((line for line in takers if len(takers[line]) > 1), key=lambda line: -len(takers[line]))
+    alone = [line for line in takers if len(takers[line]) == 1]
+    return [(taken_by(takers[line]), *line) for line in [*several, *alone]]
+
+
+def taken_by(rigs: list[str]) -> str:
+    """Names of rigs as a cell of a table."""
+    return "every rig" if len(rigs) == len(RIGS) else ", ".join(rigs)
+
+
 def value_text(value: Value) -> str:
     """Value as it stands in a YAML file."""
     if isinstance(value, bool):
@@ -129,20 +153,15 @@ def tables() -> dict[str, str]:
         ),
     }
     for node, parameters in NODES.items():
-        made[f"parameters of {node}"] = table(
-            ("parameter", "default", "range", "what"), [parameter_line(row) for row in rows(parameters)]
-        )
-    for rig in RIGS.values():
-        made[f"options of rig {rig.name}"] = table(
-            ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
-        )
+        lines = [parameter_line(row) for row in rows(parameters)]
+        if parameters is RobotParameters:
+            alike = {parameter_line(row) for row in rows(SimParameters)}
+            lines = [line for line in lines if line not in alike]
+        made[f"parameters of {node}"] = table(("parameter", "default", "range", "what"), lines)
+    made["options of rigs"] = table(("rig", "option", "default", "range", "what"), rig_lines())
     made["states of the policy"] = table(
-        ("state", "tendons", "meaning"),
-        [(state.value, set_point.value, MEANINGS[state]) for state, set_point in SET_POINTS.items()],
-    )
-    made["transitions of the policy"] = table(
-        ("from", "on", "to"),
-        [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
+        ("state", "tendons", "meaning", "goes on to"),
+        [(state.value, set_point.value, MEANINGS[state], ways_on(state)) for state, set_point in SET_POINTS.items()],
     )
     made["landing vacuum"] = table(
         ("falls on the ankle", *(f"{1e3 * height_m:.0f} mm" for height_m in FALLS_M)),
@@ -168,7 +187,6 @@ def tables() -> dict[str, str]:
     made["ros2_control"] = control_text()
     made["registers"] = register_table()
     made["command"] = command_text()
-    made["interfaces"] = interfaces_text()
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
     for suffix, language in ((".py", "python"), (".cpp", "cpp")):
@@ -231,18 +249,6 @@ pip install {" ".join(needed)}
 python -m colcon build --symlink-install && source install/setup.bash
 ros2 launch jammkle_bringup ankle.launch.py
 ```"""
-
-
-def interfaces_text() -> str:
-    """Every interface of the project, as its file has it."""
-    parts = []
-    for title, folder in INTERFACES.items():
-        parts.append(f"## {title}")
-        parts.extend(
-            f"### {path.stem}\n\n```{{literalinclude}} ../{path.relative_to(ROOT)}\n:language: text\n```"
-            for path in sorted((ROOT / "jammkle_msgs" / folder).iterdir())
-        )
-    return "\n\n".join(parts)
 
 
 def pages() -> list[Path]:

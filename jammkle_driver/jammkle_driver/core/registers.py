@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -111,6 +112,8 @@ def register_list() -> RegisterList:
     return RegisterList(content["version"], tables, bits, content["mirror"])
 
 
+_AS_FIRST = "as of sensor 1"
+"""What the list notes of the calibration of the sensors that follow."""
 _PREFIXES = {"coils": "COIL", "discrete_inputs": "DISCRETE", "input_registers": "INPUT", "holding_registers": "HOLDING"}
 
 
@@ -160,14 +163,22 @@ def header_text() -> str:
 
 
 def register_table() -> str:
-    """Return all registers as a Markdown table for docs/hardware.md."""
+    """Return all registers as a Markdown table for docs/hardware.md; runs that are as those of sensor 1 in one line."""
     head = ("table", "address", "register", "unit of a step", "range", "default", "what")
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     for table, function in TABLES.items():
         name = f"{table.replace('_', ' ')} (read by function {function})"
-        lines += [f"| {' | '.join(_cells(name, table, register))} |" for register in register_list().tables[table]]
+        for alike, run in groupby(register_list().tables[table], lambda register: register.note == _AS_FIRST):
+            found = list(run)
+            cells = [_run_cells(name, found)] if alike else [_cells(name, table, register) for register in found]
+            lines += [f"| {' | '.join(each)} |" for each in cells]
     lines += ["", *_bit_lines(register_list())]
     return "\n".join(lines)
+
+
+def _run_cells(name: str, run: list[Register]) -> tuple[str, ...]:
+    first, last = run[0], run[-1]
+    return (name, f"{first.address} to {last.address}", f"`{first.name}` to `{last.name}`", "", "", "", _AS_FIRST)
 
 
 def _stored_lines(registers: RegisterList) -> list[str]:
