@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 NAME = "jammkle"
 RIG = "rig"
 ROBOT = "robot"
-SAID_ONCE = "json"
-"""The option that nearly every verb has: the page says it above the verbs."""
+SAID_ONCE = ("--json FILE", "ROS namespace of the ankle")
+"""How the signature or text of options begins that many verbs have: the page says them above the verbs."""
 
 
 def root() -> Any:
@@ -72,9 +72,13 @@ def sections(command: Any, at: Any, name: str, marks: str, elsewhere: Collection
 
 def arguments(command: Any, at: Any, elsewhere: Collection[str] = ()) -> Iterator[str]:
     """Arguments and options of a verb, as a list, without those that stand elsewhere."""
-    shown = [each for each in command.get_params(at) if each.name not in {"help", SAID_ONCE, *elsewhere}]
+    shown = [each for each in command.get_params(at) if each.name not in {"help", *elsewhere}]
     records = filter(None, (each.get_help_record(at) for each in shown))
-    lines = [f"- `{spaced(signature)}`: {spaced(text)}" for signature, text in records]
+    lines = [
+        f"- `{spaced(each)}`: {spaced(text)}"
+        for each, text in records
+        if not any(part.startswith(SAID_ONCE) for part in (each, text))
+    ]
     if lines:
         yield "\n".join(lines)
 

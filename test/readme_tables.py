@@ -48,6 +48,8 @@ NODES: dict[str, type[ParameterClass]] = {
     "controller": ControllerParameters,
     "sim": SimParameters,
     "sim, of a robot": RobotParameters,
+}
+OTHER_NODES: dict[str, type[ParameterClass]] = {
     "gap_monitor": GapMonitorParameters,
     "viewer": ViewerParameters,
     "foxglove": FoxgloveParameters,
@@ -158,6 +160,10 @@ def tables() -> dict[str, str]:
             alike = {parameter_line(row) for row in rows(SimParameters)}
             lines = [line for line in lines if line not in alike]
         made[f"parameters of {node}"] = table(("parameter", "default", "range", "what"), lines)
+    made["parameters of other nodes"] = table(
+        ("node", "parameter", "default", "range", "what"),
+        [(f"`{node}`", *parameter_line(row)) for node, parameters in OTHER_NODES.items() for row in rows(parameters)],
+    )
     made["options of rigs"] = table(("rig", "option", "default", "range", "what"), rig_lines())
     made["states of the policy"] = table(
         ("state", "tendons", "meaning", "goes on to"),
