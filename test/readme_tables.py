@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 from command_reference import command_text
 from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
@@ -31,9 +30,7 @@ from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.robots.catalogue import ankle_alone
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.urdf import UrdfNames, control_tags
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
 
 ROOT = Path(__file__).parents[1]
@@ -190,14 +187,12 @@ def tables() -> dict[str, str]:
             for each in Detection
         ],
     )
-    made["ros2_control"] = control_text()
     made["registers"] = register_table()
     made["command"] = command_text()
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
-    for suffix, language in ((".py", "python"), (".cpp", "cpp")):
-        for example in EXAMPLES.glob(f"*{suffix}"):
-            made[f"example {example.name}"] = f"```{language}\n{example.read_text()}```"
+    for example in EXAMPLES.glob("*.py"):
+        made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
     return made
 
 
@@ -226,19 +221,6 @@ def jam_time_line(volume_ml: int) -> tuple[str, ...]:
     evacuated_s = air.evacuation_s(volume_m3 and air.shared_volume_m3, STORED_PA)
     name = f"{volume_ml} mL" if volume_ml else "none"
     return (name, *times, f"{evacuated_s:.1f} s", f"{1e3 * BOTTLE_KG_ML * volume_ml:.0f} g")
-
-
-def control_text() -> str:
-    """Tags of ros2_control of an ankle in a namespace, as its URDF has them: of joints and channels the first."""
-    ankle, namespace = ankle_alone(), "/lf_ankle"
-    parts = control_tags(ankle, UrdfNames(ankle, namespace), namespace)
-    for part in parts:
-        others = [*part.findall("joint")[1:], *part.findall("gpio")[1:]]
-        for other in others:
-            part.remove(other)
-        part.append(ET.Comment(f" and so on: {', '.join(other.attrib['name'] for other in others)} "))
-        ET.indent(part)
-    return "```xml\n" + "\n".join(ET.tostring(part, encoding="unicode") for part in parts) + "\n```"
 
 
 def workspace_text() -> str:
