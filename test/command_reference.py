@@ -20,7 +20,7 @@ NAME = "jammkle"
 RIG = "rig"
 ROBOT = "robot"
 SAID_ONCE = ("--json FILE", "ROS namespace of the ankle")
-"""How the signature or text of options begins that many verbs have: the page says them above the verbs."""
+"""How the signature or text of options begins that many verbs have: the page says them above the table."""
 
 
 def root() -> Any:
@@ -38,21 +38,21 @@ def rigs() -> Any:
     return get_command(rig_app(lambda _: 0))
 
 
-def command_text() -> str:
-    """Reference of every verb, as Markdown. What each rig and robot has to choose stands on their own pages."""
+def command_lines() -> list[tuple[str, str, str]]:
+    """Every verb with what it does, its arguments and its options; those of each rig and robot stand on their pages."""
     command = root()
     at = context(command, NAME)
-    parts: list[str] = []
+    lines: list[tuple[str, str, str]] = []
     for name in command.list_commands(at):
         if name == RIG:
-            parts += rig_section()
+            lines += rig_lines()
             continue
         verb = command.get_command(at, name)
         elsewhere = typed_names(RobotOptions) if name == ROBOT else set()
-        parts += sections(verb, context(verb, name, at), f"{NAME} {name}", "##", elsewhere)
+        lines += verb_lines(verb, context(verb, name, at), name, elsewhere)
         if elsewhere:
-            parts.append("And the [options of robots](robots.md#options).")
-    return "\n\n".join(parts)
+            lines.append((name, "and", "the [options of robots](robots.md#options)"))
+    return lines
 
 
 def typed_names(options: Any) -> set[str]:
@@ -60,43 +60,36 @@ def typed_names(options: Any) -> set[str]:
     return {typed_row(row).name for row in rows(options)}
 
 
-def sections(command: Any, at: Any, name: str, marks: str, elsewhere: Collection[str] = ()) -> Iterator[str]:
-    """Every paragraph of a verb and of those below it: what it does, its arguments and options."""
-    yield f"{marks} {name}"
-    yield re.sub(r"\s*\n\s*", " ", command.help.strip())
-    yield from arguments(command, at, elsewhere)
+def verb_lines(command: Any, at: Any, name: str, elsewhere: Collection[str] = ()) -> Iterator[tuple[str, str, str]]:
+    """What a verb does, its arguments and options, and the same of the verbs below it."""
+    yield f"**{name}**", "", spaced(command.help)
+    yield from ((name, *line) for line in arguments(command, at, elsewhere))
     for below, each in getattr(command, "commands", {}).items():
         if not each.hidden:
-            yield from sections(each, context(each, below, at), f"{name} {below}", f"{marks}#")
+            yield from verb_lines(each, context(each, below, at), f"{name} {below}")
 
 
-def arguments(command: Any, at: Any, elsewhere: Collection[str] = ()) -> Iterator[str]:
-    """Arguments and options of a verb, as a list, without those that stand elsewhere."""
+def arguments(command: Any, at: Any, elsewhere: Collection[str] = ()) -> Iterator[tuple[str, str]]:
+    """Arguments and options of a verb, without those that stand elsewhere."""
     shown = [each for each in command.get_params(at) if each.name not in {"help", *elsewhere}]
-    records = filter(None, (each.get_help_record(at) for each in shown))
-    lines = [
-        f"- `{spaced(each)}`: {spaced(text)}"
-        for each, text in records
-        if not any(part.startswith(SAID_ONCE) for part in (each, text))
-    ]
-    if lines:
-        yield "\n".join(lines)
+    for signature, text in filter(None, (each.get_help_record(at) for each in shown)):
+        if not any(part.startswith(SAID_ONCE) for part in (signature, text)):
+            yield f"`{spaced(signature)}`", spaced(text)
 
 
-def rig_section() -> Iterator[str]:
+def rig_lines() -> Iterator[tuple[str, str, str]]:
     """The rigs that there are, and what all of them have in common."""
-    yield f"## {NAME} {RIG}"
-    yield f"{rigs().help} `{NAME} {RIG} RIG`, which is one of:"
-    yield "\n".join(f"- `{name}`: {kind.title}" for name, kind in RIGS.items())
-    yield "Every rig takes the following, and [options of its own](rigs.md#options):"
+    yield f"**{RIG}**", "", f"{spaced(rigs().help)} Which one is the first argument:"
+    yield from ((RIG, f"`{name}`", kind.title) for name, kind in RIGS.items())
     name, kind = next(iter(RIGS.items()))
     command = rigs().commands[name]
-    yield from arguments(command, context(command, name), typed_names(kind.options))
+    yield from ((RIG, *line) for line in arguments(command, context(command, name), typed_names(kind.options)))
+    yield RIG, "and", "the [options of rigs](rigs.md#options)"
 
 
 def spaced(text: str) -> str:
     """Text of a help line on one line of a page."""
-    return re.sub(r"\s+", " ", text)
+    return re.sub(r"\s+", " ", text).strip()
 
 
 def parse(words: list[str]) -> None:

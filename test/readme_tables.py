@@ -12,7 +12,7 @@ import math
 import re
 from pathlib import Path
 
-from command_reference import command_text
+from command_reference import command_lines
 from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
 from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
 from jammkle_bringup.robot_names import RobotNamesParameters
@@ -188,7 +188,7 @@ def tables() -> dict[str, str]:
         ],
     )
     made["registers"] = register_table()
-    made["command"] = command_text()
+    made["command"] = table(("verb", "argument or option", "what"), command_lines())
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
     for example in EXAMPLES.glob("*.py"):
