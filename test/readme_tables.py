@@ -17,7 +17,6 @@ from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
 from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
 from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
-from jammkle_common.command import COMMANDS, entries
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
@@ -52,25 +51,6 @@ OTHER_NODES: dict[str, type[ParameterClass]] = {
     "foxglove": FoxgloveParameters,
     "robot_names": RobotNamesParameters,
 }
-
-
-HOLDS = {
-    "jammkle_msgs": "messages, services",
-    "jammkle_common": "what the nodes share: names, QoS, parameters, runner, lockstep; bags; the command",
-    "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
-    "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
-    "jammkle_sim": "physics, rigs, robots, the sim node",
-    "jammkle_gap": "the diagnosis, its pages, the gap monitor",
-    "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
-    "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; names of joints",
-}
-"""What is in each package; its verbs are the entry points that it declares."""
-
-
-def verbs_of(package: str) -> str:
-    """Return the verbs that a package brings along."""
-    found = [name for name, entry in entries(COMMANDS).items() if entry.module.partition(".")[0] == package]
-    return ", ".join(f"`{name}`" for name in found)
 
 
 def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
@@ -141,10 +121,6 @@ def tables() -> dict[str, str]:
         "topics of robots": table(
             ("topic", "type", "delivery", "what"),
             [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
-        ),
-        "packages": table(
-            ("package", "what it holds", "verbs of `jammkle`"),
-            [(f"`{name}`", holds, verbs_of(name)) for name, holds in HOLDS.items()],
         ),
         "services": table(
             ("service", "type", "what"),
