@@ -31,6 +31,7 @@ html_css_files = ["wide.css"]
 html_copy_source = False
 html_show_copyright = False
 
+_INTERFACES = {"Messages": "msg", "Services": "srv"}
 _EXCERPTS = "excerpts.js"
 _FETCH = """
 const fetchFromServer = window.fetch;
@@ -40,6 +41,18 @@ window.fetch = (address, ...options) => {
   return Promise.resolve(new Response(PAGES[page]));
 };
 """
+
+
+def interfaces() -> str:
+    """Every message and service of the project, as its file has it."""
+    parts = []
+    for title, folder in _INTERFACES.items():
+        parts.append(f"## {title}")
+        parts.extend(
+            f"### {path.stem}\n\n```text\n{path.read_text(encoding='utf-8')}```"
+            for path in sorted((ROOT / "jammkle_msgs" / folder).iterdir())
+        )
+    return "\n\n".join(parts)
 
 
 def write_excerpts(built: Path, pages: Iterable[str]) -> None:
@@ -55,7 +68,11 @@ def write_excerpts(built: Path, pages: Iterable[str]) -> None:
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """Have excerpts of the pages in the results of the search, opened from a disk too."""
+    """Add the interfaces to their page, and excerpts of the pages to the results of the search."""
+
+    def define(_: object, page: str, text: list[str]) -> None:
+        if page == "interfaces":
+            text[0] += interfaces()
 
     def add(app: Any, page: str, *_: object) -> None:
         if page == "search":
@@ -65,6 +82,7 @@ def setup(app: Any) -> dict[str, bool]:
         if error is None and app.builder.format == "html":
             write_excerpts(Path(app.outdir), app.env.found_docs)
 
+    app.connect("source-read", define)
     app.connect("html-page-context", add)
     app.connect("build-finished", finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -11,12 +11,16 @@ from jammkle_common.command.main import app
 from jammkle_common.parameters import rows, typed_row
 from jammkle_sim.commands.rig import rig_app
 from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.robots.options import RobotOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 NAME = "jammkle"
 RIG = "rig"
+ROBOT = "robot"
+SAID_ONCE = ("--json FILE", "ROS namespace of the ankle")
+"""How the signature or text of options begins that many verbs have: the page says them above the table."""
 
 
 def root() -> Any:
@@ -34,54 +38,58 @@ def rigs() -> Any:
     return get_command(rig_app(lambda _: 0))
 
 
-def command_text() -> str:
-    """Reference of every verb, as Markdown. The options that each rig has for itself stand on the page of the rigs."""
+def command_lines() -> list[tuple[str, str, str]]:
+    """Every verb with what it does, its arguments and its options; those of each rig and robot stand on their pages."""
     command = root()
     at = context(command, NAME)
-    parts: list[str] = []
+    lines: list[tuple[str, str, str]] = []
     for name in command.list_commands(at):
         if name == RIG:
-            parts += [f"## {NAME} {RIG}", rigs().help, *rig_sections()]
-        else:
-            verb = command.get_command(at, name)
-            parts += sections(verb, context(verb, name, at), f"{NAME} {name}", "##")
-    return "\n\n".join(parts)
+            lines += rig_lines()
+            continue
+        verb = command.get_command(at, name)
+        elsewhere = typed_names(RobotOptions) if name == ROBOT else set()
+        lines += verb_lines(verb, context(verb, name, at), name, elsewhere)
+        if elsewhere:
+            lines.append((name, "and", "the [options of robots](robots.md#options)"))
+    return lines
 
 
-def sections(command: Any, at: Any, name: str, marks: str) -> Iterator[str]:
-    """Every paragraph of a verb and of those below it: what it does, how it is called, its arguments and options."""
-    yield f"{marks} {name}"
-    yield re.sub(r"\s*\n\s*", " ", command.help.strip())
-    yield from usage(command, at, name)
+def typed_names(options: Any) -> set[str]:
+    """Return the names of options as the command has them."""
+    return {typed_row(row).name for row in rows(options)}
+
+
+def verb_lines(command: Any, at: Any, name: str, elsewhere: Collection[str] = ()) -> Iterator[tuple[str, str, str]]:
+    """What a verb does, its arguments and options, and the same of the verbs below it."""
+    yield f"**{name}**", "", spaced(command.help)
+    yield from ((name, *line) for line in arguments(command, at, elsewhere))
     for below, each in getattr(command, "commands", {}).items():
         if not each.hidden:
-            yield from sections(each, context(each, below, at), f"{name} {below}", f"{marks}#")
+            yield from verb_lines(each, context(each, below, at), f"{name} {below}")
 
 
-def usage(command: Any, at: Any, name: str) -> Iterator[str]:
-    """How a verb is called, and its arguments and options."""
-    if not hasattr(command, "commands"):
-        yield f"`{name} {' '.join(command.collect_usage_pieces(at))}`"
-    records = [each.get_help_record(at) for each in command.get_params(at) if each.name != "help"]
-    lines = [f"| `{cell(signature)}` | {cell(text)} |" for signature, text in filter(None, records)]
-    if lines:
-        yield "\n".join(["| argument or option | what |", "|---|---|", *lines])
+def arguments(command: Any, at: Any, elsewhere: Collection[str] = ()) -> Iterator[tuple[str, str]]:
+    """Arguments and options of a verb, without those that stand elsewhere."""
+    shown = [each for each in command.get_params(at) if each.name not in {"help", *elsewhere}]
+    for signature, text in filter(None, (each.get_help_record(at) for each in shown)):
+        if not any(part.startswith(SAID_ONCE) for part in (signature, text)):
+            yield f"`{spaced(signature)}`", spaced(text)
 
 
-def rig_sections() -> Iterator[str]:
-    """What all rigs have in common."""
-    yield "\n".join(["| rig | what |", "|---|---|", *(f"| `{name}` | {kind.title} |" for name, kind in RIGS.items())])
+def rig_lines() -> Iterator[tuple[str, str, str]]:
+    """The rigs that there are, and what all of them have in common."""
+    yield f"**{RIG}**", "", f"{spaced(rigs().help)} Which one is the first argument:"
+    yield from ((RIG, f"`{name}`", kind.title) for name, kind in RIGS.items())
     name, kind = next(iter(RIGS.items()))
-    own = {typed_row(row).name for row in rows(kind.options)}
     command = rigs().commands[name]
-    command.params = [each for each in command.params if each.name not in own]
-    yield from usage(command, context(command, name), f"{NAME} {RIG} RIG")
-    yield "And what [each rig](rigs.md#options-of-the-rigs) has to choose."
+    yield from ((RIG, *line) for line in arguments(command, context(command, name), typed_names(kind.options)))
+    yield RIG, "and", "the [options of rigs](rigs.md#options)"
 
 
-def cell(text: str) -> str:
-    """Text of a help line as a cell of a table."""
-    return re.sub(r"\s+", " ", text).replace("|", "\\|")
+def spaced(text: str) -> str:
+    """Text of a help line on one line of a page."""
+    return re.sub(r"\s+", " ", text).strip()
 
 
 def parse(words: list[str]) -> None:

@@ -11,29 +11,25 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
-from command_reference import command_text
+from command_reference import command_lines
 from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
 from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
 from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
-from jammkle_common.command import COMMANDS, entries
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
 from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
-from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
+from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.core.registers import header_text, register_table
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS
-from jammkle_sim.robots.catalogue import ankle_alone
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_sim.robots.urdf import UrdfNames, control_tags
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
 
 ROOT = Path(__file__).parents[1]
@@ -43,36 +39,18 @@ CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
-INTERFACES = {"Messages": "msg", "Services": "srv"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
     "sim": SimParameters,
     "sim, of a robot": RobotParameters,
+}
+OTHER_NODES: dict[str, type[ParameterClass]] = {
     "gap_monitor": GapMonitorParameters,
     "viewer": ViewerParameters,
     "foxglove": FoxgloveParameters,
     "robot_names": RobotNamesParameters,
 }
-
-
-HOLDS = {
-    "jammkle_msgs": "messages, services",
-    "jammkle_common": "what the nodes share: names, QoS, parameters, runner, lockstep; bags; the command",
-    "jammkle_driver": "pump and solenoids, the line to the board, its firmware",
-    "jammkle_controller": "contact detection and the jamming policy, in the graph and over recordings",
-    "jammkle_sim": "physics, rigs, robots, the sim node",
-    "jammkle_gap": "the diagnosis, its pages, the gap monitor",
-    "jammkle_view": "the page in the browser, live and from a bag; the connection for Foxglove",
-    "jammkle_bringup": "the graph as a whole: launch files, parameters, viewer layouts; bags; names of joints",
-}
-"""What is in each package; its verbs are the entry points that it declares."""
-
-
-def verbs_of(package: str) -> str:
-    """Return the verbs that a package brings along."""
-    found = [name for name, entry in entries(COMMANDS).items() if entry.module.partition(".")[0] == package]
-    return ", ".join(f"`{name}`" for name in found)
 
 
 def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
@@ -86,6 +64,31 @@ def table(head: tuple[str, ...], lines: list[tuple[str, ...]]) -> str:
 def any_channel(name: str) -> str:
     """Write `<channel>` for the name of a channel at its start."""
     return re.sub(rf"\b({'|'.join(CHANNELS)})/", "<channel>/", name)
+
+
+def ways_on(state: PolicyState) -> str:
+    """What ends a state of the policy, and which one follows."""
+    ways: dict[str, list[str]] = {}
+    for (left, trigger), following in TRANSITIONS.items():
+        if left is state:
+            ways.setdefault(following.value, []).append(trigger.value)
+    return "<br>".join(f"**{following}**: {'; '.join(triggers)}" for following, triggers in ways.items())
+
+
+def rig_lines() -> list[tuple[str, ...]]:
+    """Options of the rigs: first those that several rigs have in the same way, then what each has for itself."""
+    takers: dict[tuple[str, ...], list[str]] = {}
+    for rig in RIGS.values():
+        for row in rows(rig.options):
+            takers.setdefault(option_line(row), []).append(rig.name)
+    several = sorted((line for line in takers if len(takers[line]) > 1), key=lambda line: -len(takers[line]))
+    alone = [line for line in takers if len(takers[line]) == 1]
+    return [(taken_by(takers[line]), *line) for line in [*several, *alone]]
+
+
+def taken_by(rigs: list[str]) -> str:
+    """Names of rigs as a cell of a table."""
+    return "every rig" if len(rigs) == len(RIGS) else ", ".join(rigs)
 
 
 def value_text(value: Value) -> str:
@@ -119,30 +122,25 @@ def tables() -> dict[str, str]:
             ("topic", "type", "delivery", "what"),
             [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
         ),
-        "packages": table(
-            ("package", "what it holds", "verbs of `jammkle`"),
-            [(f"`{name}`", holds, verbs_of(name)) for name, holds in HOLDS.items()],
-        ),
         "services": table(
             ("service", "type", "what"),
             [(f"`{any_channel(s.path)}`", f"`{s.service_type}`", s.note) for s in SERVICES],
         ),
     }
     for node, parameters in NODES.items():
-        made[f"parameters of {node}"] = table(
-            ("parameter", "default", "range", "what"), [parameter_line(row) for row in rows(parameters)]
-        )
-    for rig in RIGS.values():
-        made[f"options of rig {rig.name}"] = table(
-            ("option", "default", "range", "what"), [option_line(row) for row in rows(rig.options)]
-        )
-    made["states of the policy"] = table(
-        ("state", "tendons", "meaning"),
-        [(state.value, set_point.value, MEANINGS[state]) for state, set_point in SET_POINTS.items()],
+        lines = [parameter_line(row) for row in rows(parameters)]
+        if parameters is RobotParameters:
+            alike = {parameter_line(row) for row in rows(SimParameters)}
+            lines = [line for line in lines if line not in alike]
+        made[f"parameters of {node}"] = table(("parameter", "default", "range", "what"), lines)
+    made["parameters of other nodes"] = table(
+        ("node", "parameter", "default", "range", "what"),
+        [(f"`{node}`", *parameter_line(row)) for node, parameters in OTHER_NODES.items() for row in rows(parameters)],
     )
-    made["transitions of the policy"] = table(
-        ("from", "on", "to"),
-        [(state.value, trigger.value, following.value) for (state, trigger), following in TRANSITIONS.items()],
+    made["options of rigs"] = table(("rig", "option", "default", "range", "what"), rig_lines())
+    made["states of the policy"] = table(
+        ("state", "tendons", "meaning", "goes on to"),
+        [(state.value, set_point.value, MEANINGS[state], ways_on(state)) for state, set_point in SET_POINTS.items()],
     )
     made["landing vacuum"] = table(
         ("falls on the ankle", *(f"{1e3 * height_m:.0f} mm" for height_m in FALLS_M)),
@@ -165,15 +163,12 @@ def tables() -> dict[str, str]:
             for each in Detection
         ],
     )
-    made["ros2_control"] = control_text()
     made["registers"] = register_table()
-    made["command"] = command_text()
-    made["interfaces"] = interfaces_text()
+    made["command"] = table(("verb", "argument or option", "what"), command_lines())
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
-    for suffix, language in ((".py", "python"), (".cpp", "cpp")):
-        for example in EXAMPLES.glob(f"*{suffix}"):
-            made[f"example {example.name}"] = f"```{language}\n{example.read_text()}```"
+    for example in EXAMPLES.glob("*.py"):
+        made[f"example {example.name}"] = f"```python\n{example.read_text()}```"
     return made
 
 
@@ -204,19 +199,6 @@ def jam_time_line(volume_ml: int) -> tuple[str, ...]:
     return (name, *times, f"{evacuated_s:.1f} s", f"{1e3 * BOTTLE_KG_ML * volume_ml:.0f} g")
 
 
-def control_text() -> str:
-    """Tags of ros2_control of an ankle in a namespace, as its URDF has them: of joints and channels the first."""
-    ankle, namespace = ankle_alone(), "/lf_ankle"
-    parts = control_tags(ankle, UrdfNames(ankle, namespace), namespace)
-    for part in parts:
-        others = [*part.findall("joint")[1:], *part.findall("gpio")[1:]]
-        for other in others:
-            part.remove(other)
-        part.append(ET.Comment(f" and so on: {', '.join(other.attrib['name'] for other in others)} "))
-        ET.indent(part)
-    return "```xml\n" + "\n".join(ET.tostring(part, encoding="unicode") for part in parts) + "\n```"
-
-
 def workspace_text() -> str:
     """Lines that build the packages in a sourced Jazzy, with what the distribution does not have."""
     text = (ROOT / "requirements.in").read_text()
@@ -231,18 +213,6 @@ pip install {" ".join(needed)}
 python -m colcon build --symlink-install && source install/setup.bash
 ros2 launch jammkle_bringup ankle.launch.py
 ```"""
-
-
-def interfaces_text() -> str:
-    """Every interface of the project, as its file has it."""
-    parts = []
-    for title, folder in INTERFACES.items():
-        parts.append(f"## {title}")
-        parts.extend(
-            f"### {path.stem}\n\n```{{literalinclude}} ../{path.relative_to(ROOT)}\n:language: text\n```"
-            for path in sorted((ROOT / "jammkle_msgs" / folder).iterdir())
-        )
-    return "\n\n".join(parts)
 
 
 def pages() -> list[Path]:

@@ -42,7 +42,7 @@ ELSEWHERE: dict[str, str] = {
     r"python -m jammkle_driver .*modbus": _BOARD,
     r"jammkle up --robot quadruped --hardware modbus": _BOARDS,
     r"jammkle jam achilles --namespace lf_ankle$": _BOARDS,
-    r"jammkle up --robot quadruped$|jammkle jam --namespace lf_ankle$": _QUADRUPED,
+    r"jammkle up --robot quadruped$": _QUADRUPED,
     r"jammkle up --robot leg -p sim:behaviour:=walk$": _LEG,
     r"python -m jammkle_driver .*valves/two": _REMAPPED_CHANNEL,
     r"python -m jammkle_driver .*autostart": _STACK,

@@ -1,7 +1,7 @@
 """Learn the density ratios of the detectors on synthetic walks and a simulated leg; `relearn` judges and writes them.
 
 Seeds of learning are below `FIRST_TRIAL_SEED`, those of every trial above. The weights in `learned.json` are older than
-the present truth of simulated steps (rebounds and grazes): learned anew they come out no better (docs/controller.md).
+the present truth of simulated steps (rebounds and grazes): learned anew they come out no better (README.md).
 """
 
 from __future__ import annotations

@@ -253,7 +253,7 @@ UP_SPREADS = 3.29
 """Above so many spreads, up or down, the foot is put down or lifted, whatever it bears: one in a thousand of noise."""
 LEAST_WAY_M = 0.002
 """Way beyond what noise explains that is a slip: half of what counts as one in the trial. Chosen, with the two shares
-above, on development runs of the quadruped (docs/controller.md)."""
+above, on development runs of the quadruped (studies/contact/README.md)."""
 FALSE_ALARM_S = 60.0
 """Mean time of stance between two false alarms of white noise alone."""
 QUIET_S = 0.03

@@ -184,7 +184,10 @@ ONSET_M_S2 = 0.5
 
 
 class TouchdownDetector:
-    """Judges every sharp sample of a swing by a learned density ratio of touch-downs over the swing's own jerks."""
+    """Judges every sharp sample of a swing by a learned density ratio of touch-downs over the swing's own jerks.
+
+    Density ratios by probabilistic classification: Sugiyama, Suzuki, Kanamori 2012, chapter 4.
+    """
 
     def __init__(self, ratio: DensityRatio) -> None:
         """Take the ratio of the densities of `Motion.blow_features` at touch-downs and in swings."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -111,6 +113,8 @@ def register_list() -> RegisterList:
     return RegisterList(content["version"], tables, bits, content["mirror"])
 
 
+_AS_FIRST = "as of sensor 1"
+"""What the list notes of the calibration of the sensors that follow."""
 _PREFIXES = {"coils": "COIL", "discrete_inputs": "DISCRETE", "input_registers": "INPUT", "holding_registers": "HOLDING"}
 
 
@@ -160,14 +164,20 @@ def header_text() -> str:
 
 
 def register_table() -> str:
-    """Return all registers as a Markdown table for docs/hardware.md."""
+    """Return all registers as a Markdown table for docs/hardware.md; registers that are alike share a line."""
     head = ("table", "address", "register", "unit of a step", "range", "default", "what")
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     for table, function in TABLES.items():
         name = f"{table.replace('_', ' ')} (read by function {function})"
-        lines += [f"| {' | '.join(_cells(name, table, register))} |" for register in register_list().tables[table]]
+        for _, alike in groupby(register_list().tables[table], _kind):
+            lines.append(f"| {' | '.join(_cells(name, table, list(alike)))} |")
     lines += ["", *_bit_lines(register_list())]
     return "\n".join(lines)
+
+
+def _kind(register: Register) -> str:
+    """What registers that follow each other have in common: their name but for a number, or their note."""
+    return register.note if register.note == _AS_FIRST else re.sub(r"\d", "", register.name)
 
 
 def _stored_lines(registers: RegisterList) -> list[str]:
@@ -178,17 +188,18 @@ def _stored_lines(registers: RegisterList) -> list[str]:
     return [f"#define STORED_FIRST {stored[0]}u", f"#define STORED_COUNT {len(stored)}u"]
 
 
-def _cells(name: str, table: str, register: Register) -> tuple[str, ...]:
-    writable = table == "holding_registers"
-    unit = f"{register.per_step:g} {register.unit}".replace(" 1", "") if register.unit else ""
+def _cells(name: str, table: str, alike: list[Register]) -> tuple[str, ...]:
+    first, last = alike[0], alike[-1]
+    writable = table == "holding_registers" and first.note != _AS_FIRST
+    unit = f"{first.per_step:g} {first.unit}".replace(" 1", "") if first.unit and first.note != _AS_FIRST else ""
     return (
         name,
-        str(register.address),
-        f"`{register.name}`",
+        str(first.address) if first is last else f"{first.address} to {last.address}",
+        f"`{first.name}`" if first is last else f"`{first.name}` to `{last.name}`",
         unit,
-        f"{register.minimum} to {register.maximum}" if writable else "",
-        f"{register.default}{', can be stored' if register.stored else ''}" if writable else "",
-        register.note,
+        f"{first.minimum} to {first.maximum}" if writable else "",
+        f"{first.default}{', can be stored' if first.stored else ''}" if writable else "",
+        first.note,
     )
 
 
