@@ -39,10 +39,16 @@ def blind(
     seed: Annotated[int, typer.Option(help="Of the first case; below 1000: for development.")] = STANDARD_SEED,
     cases: Annotated[int, typer.Option(help="How many.")] = STANDARD_CASES,
     since: Annotated[bool, typer.Option("--since", help="Hand over five healthy runs of every exercise.")] = False,  # noqa: FBT002
+    further: Annotated[int, typer.Option(help="Exercises that the diagnosis may ask for.")] = 3,
     jobs: Annotated[int, typer.Option(help="Cases at a time.")] = 2,
 ) -> int:
     """Try the diagnosis on machines whose truth is withheld from it."""
-    for name, value, low in (("--seed", seed, 0), ("--cases", cases, 1), ("--jobs", jobs, 1)):
+    for name, value, low in (
+        ("--seed", seed, 0),
+        ("--cases", cases, 1),
+        ("--further", further, 0),
+        ("--jobs", jobs, 1),
+    ):
         if value < low:
             msg = f"{name} {value} must be {low} or more"
             raise InputError(msg)
@@ -52,7 +58,7 @@ def blind(
     wanted = range(seed, seed + cases)
     left = [each for each in wanted if each not in {one["truth"]["seed"] for one in done}]
     observer = Observer(output / "observer")
-    tasks = (delayed(run_case)(each, observer, output, since=since) for each in left)
+    tasks = (delayed(run_case)(each, observer, output, further=further, since=since) for each in left)
     with file.open("a") as kept:
         for case in Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks):
             line = json.dumps(case)

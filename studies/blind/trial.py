@@ -49,8 +49,6 @@ _KINDS: Final = ("single", "single", "none", "single", "outside", "single", "pai
 _SMALLEST: Final = 0.1
 """Share of its range from which on a fault is drawn, evenly in its logarithm. Chosen: the observer, whose equations are
 the machine's, names most faults at a thousandth of their range; a builder looks for those that matter."""
-FURTHER: Final = 3
-"""Exercises that may be asked for."""
 REFERENCES: Final = 5
 """Healthy runs of each exercise, where what has changed since is asked."""
 _NOT_OF_ROBOTS = ("load_cell/", "carriage/")
@@ -187,13 +185,16 @@ class Maker:
         return made
 
 
-def run_case(seed: int, observer: Observer, folder: Path, *, since: bool = False, jobs: int = 1) -> dict[str, Any]:
+def run_case(
+    seed: int, observer: Observer, folder: Path, *, further: int = 3, since: bool = False, jobs: int = 1
+) -> dict[str, Any]:
     """Make a case, diagnose it, and return truth and answers, as they are kept.
 
     Args:
         seed: Of everything.
         observer: Says how large faults are.
         folder: Of the trial; bags are removed again.
+        further: Exercises that may be asked for.
         since: Whether healthy runs of the same specimen are handed over.
         jobs: Runs at a time.
 
@@ -209,7 +210,7 @@ def run_case(seed: int, observer: Observer, folder: Path, *, since: bool = False
     references = (
         [path for exercise in EXERCISES for path in maker.record_healthy(exercise, REFERENCES)] if since else []
     )
-    answers = diagnosed(runs, references, maker.record, jobs)
+    answers = diagnosed(runs, references, maker.record, further, jobs)
     shutil.rmtree(bags)
     return {"truth": dataclasses.asdict(truth), "answers": [dataclasses.asdict(each) for each in answers]}
 
@@ -218,6 +219,7 @@ def diagnosed(
     bags: Sequence[Path],
     references: Sequence[Path],
     record: Callable[[str, Mapping[str, float]], list[Path]],
+    further: int,
     jobs: int,
 ) -> list[Answer]:
     """Return what is said of bags alone, and again after every further exercise that was asked for."""
@@ -232,7 +234,7 @@ def diagnosed(
         said = conclude(evidence, experiments(own), runner, constants)
         spent = time.process_time() - begun, time.perf_counter() - started
         found.append(_answer(said, evidence, *spent))
-        if not found[-1].asked or len(found) > FURTHER:
+        if not found[-1].asked or len(found) > further:
             return found
         exercise, options = asked_for(found[-1].asked)
         runs += _read(record(exercise, options))

@@ -79,7 +79,7 @@ def test_experiments_are_read_as_the_command_reads_them() -> None:
 def test_a_large_leak_is_named_and_ranked_by_error(tmp_path: Path) -> None:
     truth = Truth(2, "single", 14, (("leak_achilles", {"diameter_m": 2e-4}),), ("line_leak_achilles",))
     maker = Maker(truth, tmp_path)
-    answers = diagnosed(maker.record("cycle", {}, 2), [], lambda *_: pytest.fail("nothing is to be asked for"), -1)
+    answers = diagnosed(maker.record("cycle", {}, 2), [], lambda *_: pytest.fail("nothing is to be asked for"), 0, -1)
     assert answers[-1].first == ("line_leak_achilles",)
     assert answers[-1].verdict == "EFFECTS"
     assert answers[-1].rms[0] == "line_leak_achilles"
