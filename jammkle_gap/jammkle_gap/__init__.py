@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.features import Layout, features_of, layout_of, measured
     from jammkle_gap.core.fit import Profiles, grid_signatures
     from jammkle_gap.core.result import Diagnosis, Verdict, as_dict
-    from jammkle_gap.core.scatter import Repeats, Whitener, fit_scatter
-    from jammkle_gap.core.search import fit_place
+    from jammkle_gap.core.scatter import Whitener
     from jammkle_gap.core.signatures import cache_folder, grids_of
     from jammkle_gap.core.simulate import InfeasibleError, Problem, Runner, SimulatorError
     from jammkle_gap.landing import HiddenEffect
@@ -55,7 +54,6 @@ _HOMES = {
     "Profiles": "core.fit",
     "RESOLUTION": "ankle.sensors",
     "Recording": "core.data",
-    "Repeats": "core.scatter",
     "Rerun": "ankle.simulator",
     "RobotDiagnosis": "mujoco.diagnosing",
     "Run": "mujoco.runs",
@@ -75,8 +73,6 @@ _HOMES = {
     "evidence_of": "core.diagnose",
     "experiments": "ankle.problem",
     "features_of": "core.features",
-    "fit_place": "core.search",
-    "fit_scatter": "core.scatter",
     "grid_signatures": "core.fit",
     "grids_of": "core.signatures",
     "layout_of": "core.features",
@@ -114,7 +110,6 @@ __all__ = [
     "Problem",
     "Profiles",
     "Recording",
-    "Repeats",
     "Rerun",
     "RobotDiagnosis",
     "Run",
@@ -133,8 +128,6 @@ __all__ = [
     "evidence_of",
     "experiments",
     "features_of",
-    "fit_place",
-    "fit_scatter",
     "grid_signatures",
     "grids_of",
     "layout_of",
