@@ -373,12 +373,9 @@ def plot(
     if page.exists():
         msg = f"--output {output} holds {PAGE_NAME}: nothing is overwritten; choose another or move it away"
         raise InputError(msg)
-    stop = StopRequest()
     place = None if namespace is None else normalised(namespace)
     with results.progress_bar(f"reading {bag}") as show:
-        picture = run_picture(bag, place, lambda share: show(share, ""), stop)
-    if picture is None:
-        raise Interrupted
+        picture = run_picture(bag, place, lambda share: show(share, ""), StopRequest())
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -12,7 +12,7 @@ from jammkle_bringup.core.landing import (
     vacuum_pa,
 )
 from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS
-from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -162,7 +162,7 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
             }
             axes.plot(channel.reached_s, reached_kpa, "o", **ring)
     if run.manifold_pressure is not None:
-        ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_ATMOSPHERE_PA
+        ambient_pa = float(run.manifold_pressure.values[0])
         vacuum_kpa = (ambient_pa - run.manifold_pressure.values) / _PA_PER_KPA
         axes.plot(
             run.manifold_pressure.time_s, vacuum_kpa, color=LINE_COLOURS["manifold"], linewidth=0.8, label="manifold"
