@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from jammkle_common import names
 from jammkle_common.bags.reading import opened
@@ -19,11 +19,11 @@ from jammkle_gap import BadEffectError, BadRecordingError, InfeasibleError, load
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_view.core.models import setting_of
-from jammkle_view.recorded import NOTHING, Track
+from jammkle_view.core.models import described, known, setting_of
+from jammkle_view.recorded import IMU_SIGNALS, Motion, Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -46,17 +46,11 @@ class Gap:
     largest: float
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """One run again. Times count from the start of the bag."""
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRun(Motion):
+    """One run again: what sensors would have read."""
 
     model: Any
-    joints: Track
-    tensions_n: Track
-    readings: Mapping[str, Track]
-    """What sensors would have read, by signal; each track has one column of the same name."""
-    base: Track = NOTHING
-    """Of a robot whose joints do not say where it is; as `Recorded.base`."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +83,7 @@ def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path 
     try:
         recordings = load_recordings(path, rig, namespace=recorded.namespace)
         runs: list[SimulatedRun] = []
-        squares: dict[tuple[str, str], list[NDArray[np.float64]]] = {}
+        off: dict[tuple[str, str], list[NDArray[np.float64]]] = defaultdict(list)
         for recording in recordings:
             again = rerun(recording, corrected)
             offset_s = again.began_s - recorded.start_s
@@ -101,21 +95,17 @@ def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path 
                     continue
                 values = again.readings[signal.name]
                 readings[signal.name] = Track(signal.time_s + offset_s, {signal.name: values})
-                squares.setdefault((signal.name, signal.unit), []).append((values - signal.values) ** 2)
-            runs.append(
-                SimulatedRun(again.model, Track(time_s, again.joints), Track(time_s, again.tensions_n), readings)
-            )
+                off[signal.name, signal.unit].append(values - signal.values)
+            joints, tensions_n = Track(time_s, again.joints), Track(time_s, again.tensions_n)
+            runs.append(SimulatedRun(model=again.model, joints=joints, tensions_n=tensions_n, readings=readings))
     except (BadEffectError, BadRecordingError, InfeasibleError) as error:
         raise InputError(str(error)) from error
-    return Overlay(tuple(runs), _rig_gaps(squares), recordings[0].notes[:_UNSHOWN_NOTES])
+    gaps = tuple(_gap(signal, unit, np.concatenate(parts)) for (signal, unit), parts in off.items())
+    return Overlay(tuple(runs), gaps, recordings[0].notes[:_UNSHOWN_NOTES])
 
 
-def _rig_gaps(squares: Mapping[tuple[str, str], Sequence[NDArray[np.float64]]]) -> tuple[Gap, ...]:
-    gaps = []
-    for (signal, unit), parts in squares.items():
-        whole = np.concatenate(parts)
-        gaps.append(Gap(signal, unit, float(np.sqrt(whole.mean())), float(np.sqrt(whole.max()))))
-    return tuple(gaps)
+def _gap(signal: str, unit: str, off: NDArray[np.float64]) -> Gap:
+    return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))
 
 
 LATEST_STAMP_S = 3600.0
@@ -126,13 +116,19 @@ _STATE_TICKS = 5
 _MISSED_S = 0.05
 """Recordings that begin later get a note: what was commanded before is not in them."""
 _BASE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_AXES = ("x", "y", "z")
+_UNITS = {
+    "pressure": "Pa",
+    "specific_force": "m/s^2",
+    "angular_velocity": "rad/s",
+    "position": "rad",
+    "tension": "N",
+}
+"""By what a signal is, as the end of its name says, without the axis."""
 
 
 def is_robot(recorded: Recorded) -> bool:
     """Return whether a recording is of a simulated leg or quadruped."""
-    content = _content(recorded)
-    return "robot" in content
+    return "robot" in described(recorded.description)
 
 
 def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float], None]) -> Overlay:
@@ -176,21 +172,11 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     return Overlay((run,), tuple(_gaps(recorded, run)), (note,) if recorded.start_s > _MISSED_S else ())
 
 
-def _content(recorded: Recorded) -> Mapping[str, Any]:
-    try:
-        content = yaml.safe_load(recorded.description)
-    except yaml.YAMLError:
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
 def _simulation(recorded: Recorded) -> Simulation:
     """Return the robot at its start, with sensors that have neither noise nor offset."""
-    content = _content(recorded)
-    known = {field.name for field in dataclasses.fields(RobotOptions)}
-    options = {name: value for name, value in dict(content.get("options") or {}).items() if name in known}
+    content = described(recorded.description)
     try:
-        built = robot(str(content["robot"]), RobotOptions(**options))
+        built = robot(str(content["robot"]), RobotOptions(**known(RobotOptions, content)))
     except (ParameterError, TypeError) as error:
         msg = f"robot '{content['robot']}' cannot be built as {names.SIM_PARAMETERS.name} says: {error}"
         raise InputError(msg) from error
@@ -282,57 +268,33 @@ class _Rows:
                 place += 1
         pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
         readings = {
-            topic: Track(time_s, {topic: values})
-            for topic, values in zip(pressures, np.array(self._pressures_pa).T, strict=True)
-        }
-        signals = [f"imu/{what}_{axis}" for what in ("specific_force", "angular_velocity") for axis in _AXES]
-        readings |= {
-            signal: Track(imu_s, {signal: values})
-            for signal, values in zip(signals, np.array(self._imu).T, strict=True)
+            signal: Track(times_s, {signal: values})
+            for signals, times_s, rows in ((pressures, time_s, self._pressures_pa), (IMU_SIGNALS, imu_s, self._imu))
+            for signal, values in zip(signals, np.array(rows).T, strict=True)
         }
         tensions = dict(zip(names.TENDONS, np.array(self._tensions_n).T, strict=True))
         base = dict(zip(_BASE, np.array(self._base).T, strict=True))
         return SimulatedRun(
-            simulation.model, Track(time_s, columns), Track(time_s, tensions), readings, Track(time_s, base)
+            model=simulation.model,
+            joints=Track(time_s, columns),
+            tensions_n=Track(time_s, tensions),
+            readings=readings,
+            base=Track(time_s, base),
         )
 
 
-def _gaps(recorded: Recorded, run: SimulatedRun) -> list[Gap]:
-    """Return how far the shown signals are off, at the times at which they were measured."""
-    pairs: list[tuple[str, str, Track, str, Track]] = [
-        (topic, "Pa", track, topic, run.readings.get(topic, NOTHING)) for topic, track in recorded.pressures_pa.items()
-    ]
-    for what, unit, track in (
-        ("specific_force", "m/s^2", recorded.forces_m_s2),
-        ("angular_velocity", "rad/s", recorded.rates_rad_s),
-    ):
-        pairs += [
-            (f"imu/{what}_{axis}", unit, track, axis, run.readings[f"imu/{what}_{axis}"]) for axis in track.columns
-        ]
-    pairs += [
-        (f"{joint}/position", "rad", recorded.joints, joint, run.joints)
-        for joint in recorded.joints.columns
-        if joint in run.joints.columns
-    ]
-    pairs += [
-        (f"{tendon}/tension", "N", recorded.tensions_n, tendon, run.tensions_n)
-        for tendon in recorded.tensions_n.columns
-        if tendon in run.tensions_n.columns
-    ]
-    gaps = [_gap(signal, unit, track, column, simulated) for signal, unit, track, column, simulated in pairs]
-    return [gap for gap in gaps if gap is not None]
-
-
-def _gap(signal: str, unit: str, measured: Track, column: str, simulated: Track) -> Gap | None:
-    values = simulated.columns.get(column, simulated.columns.get(signal))
-    if values is None or not len(measured.time_s):
-        return None
-    inside = (measured.time_s >= simulated.time_s[0]) & (measured.time_s <= simulated.time_s[-1])
-    off = np.interp(measured.time_s[inside], simulated.time_s, values) - measured.columns[column][inside]
-    off = off[np.isfinite(off)]
-    if not len(off):
-        return None
-    return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))
+def _gaps(recorded: Recorded, run: SimulatedRun) -> Iterator[Gap]:
+    """Give how far the shown signals are off, at the times at which they were measured."""
+    for signal, (time_s, measured) in recorded.signals.items():
+        if signal not in run.signals:
+            continue
+        simulated_s, simulated = run.signals[signal]
+        inside = (time_s >= simulated_s[0]) & (time_s <= simulated_s[-1])
+        off = np.interp(time_s[inside], simulated_s, simulated) - measured[inside]
+        off = off[np.isfinite(off)]
+        if len(off):
+            what = signal.rpartition("/")[2]
+            yield _gap(signal, _UNITS[what if what in _UNITS else what.rpartition("_")[0]], off)
 
 
 @dataclass(frozen=True)
