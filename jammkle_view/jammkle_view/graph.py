@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -13,6 +12,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common import names
+from jammkle_common.messages import message_class
 from jammkle_common.qos import newest_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam as JamService
 from jammkle_msgs.srv import Unjam as UnjamService
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     "Takes what a node said, and whether it did what was asked."
 
 _SELDOM = (names.JAM_STATE, names.CONTACT_EVENTS, names.LANDING, names.SIM_PARAMETERS)
-_OF_THE_WHOLE = names.SIM_PARAMETERS
 _SHOWN = (names.JOINT_STATES, names.TENDON_STATES)
 _PLOTTED = (*names.PRESSURES.values(), names.MANIFOLD_PRESSURE)
 _IMU_DEPTH = 100
@@ -56,27 +55,21 @@ class AnkleSubscriptions:
 
         """
         self._ankle = ankle
-        prefix = f"{namespace}/" if namespace else ""
-        for topic in _SELDOM:
-            take = TAKERS[topic.name]
+        self._watcher, self._within = watcher, namespace
+        seldom = [(namespace, topic) for topic in _SELDOM]
+        if namespace:  # one simulation of several ankles publishes above them
+            seldom.append(("", names.SIM_PARAMETERS))
+        for within, topic in seldom:
+            make = TAKERS[topic.name]
             node.create_subscription(
-                _kind(topic),
-                f"{prefix}{topic.name}",
-                lambda message, take=take: ankle.take(take(message)),
+                message_class(topic.message_type),
+                names.below(within, topic),
+                lambda message, make=make: ankle.take(make(message)),
                 subscriber_qos(topic),
             )
-        if namespace:  # one simulation of several ankles publishes above them
-            take = TAKERS[_OF_THE_WHOLE.name]
-            node.create_subscription(
-                _kind(_OF_THE_WHOLE),
-                _OF_THE_WHOLE.name,
-                lambda message: ankle.take(take(message)),
-                subscriber_qos(_OF_THE_WHOLE),
-            )
-        self._watcher, self._prefix = watcher, prefix
-        self._shown = [(topic.name, _watch(watcher, prefix, topic, 1)) for topic in _SHOWN]
+        self._shown = [(topic.name, self._watch(namespace, topic, 1)) for topic in _SHOWN]
         if with_base:
-            self._shown.append((names.ODOMETRY.name, _watch(watcher, "", names.ODOMETRY, 1)))
+            self._shown.append((names.ODOMETRY.name, self._watch("", names.ODOMETRY, 1)))
         self._plotted: list[tuple[str, Subscription]] = []
         self._imu: Subscription | None = None
 
@@ -92,8 +85,8 @@ class AnkleSubscriptions:
     def plot(self, *, wanted: bool) -> None:
         """Subscribe to what is only plotted, or cease to."""
         if wanted and self._imu is None:
-            self._imu = _watch(self._watcher, self._prefix, names.IMU, _IMU_DEPTH)
-            self._plotted = [(topic.name, _watch(self._watcher, self._prefix, topic, 1)) for topic in _PLOTTED]
+            self._imu = self._watch(self._within, names.IMU, _IMU_DEPTH)
+            self._plotted = [(topic.name, self._watch(self._within, topic, 1)) for topic in _PLOTTED]
         elif not wanted and self._imu is not None:
             for subscription in (self._imu, *(subscription for _, subscription in self._plotted)):
                 self._watcher.destroy_subscription(subscription)
@@ -107,14 +100,9 @@ class AnkleSubscriptions:
         self._ankle.take(TAKERS[topic](taken[0]))
         return True
 
-
-def _kind(topic: Topic) -> Any:
-    package, folder, name = topic.message_type.split("/")
-    return getattr(import_module(f"{package}.{folder}"), name)
-
-
-def _watch(watcher: Node, prefix: str, topic: Topic, depth: int) -> Subscription:
-    return watcher.create_subscription(_kind(topic), f"{prefix}{topic.name}", _nobody, newest_qos(depth))
+    def _watch(self, within: str, topic: Topic, depth: int) -> Subscription:
+        kind, name = message_class(topic.message_type), names.below(within, topic)
+        return self._watcher.create_subscription(kind, name, _nobody, newest_qos(depth))
 
 
 def _nobody(_message: object) -> None:
@@ -231,6 +219,5 @@ class Requests:
     def _stop(self, ankle: str, *, stop: bool) -> None:
         topic = names.EMERGENCY_STOP
         if ankle not in self._stops:
-            name = f"{ankle}/{topic.name}" if ankle else topic.name
-            self._stops[ankle] = self._node.create_publisher(Bool, name, publisher_qos(topic))
+            self._stops[ankle] = self._node.create_publisher(Bool, names.below(ankle, topic), publisher_qos(topic))
         self._stops[ankle].publish(Bool(data=stop))
