@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
 _BASE = 1
 """Body that carries a robot: the first after the world."""
-_GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
-_BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+"""Kinds of geoms, as a model numbers them."""
 _FOOT_BALLS = 4
 """Rounded corners of a sole."""
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
@@ -67,12 +68,12 @@ class Kinematics:
             if int(model.jnt_type[index]) in simple
         }
         kinds = [int(kind) for kind in model.geom_type]
-        self._ground = next((index for index, kind in enumerate(kinds) if kind in _GROUNDS), None)
-        balls = [int(model.geom_bodyid[index]) for index, kind in enumerate(kinds) if kind == _BALL]
+        self._ground = next((index for index, kind in enumerate(kinds) if kind in GROUNDS), None)
+        balls = [int(model.geom_bodyid[index]) for index, kind in enumerate(kinds) if kind == BALL]
         self._corners = [
             index
             for index, kind in enumerate(kinds)
-            if kind == _BALL and balls.count(int(model.geom_bodyid[index])) >= _FOOT_BALLS
+            if kind == BALL and balls.count(int(model.geom_bodyid[index])) >= _FOOT_BALLS
         ]
         self.bodies: tuple[str, ...] = tuple(model.body(index).name for index in range(1, model.nbody))
         """Names, in the order of `positions_m` and `rotations`; the world is not among them."""
