@@ -20,7 +20,7 @@ from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.core.models import described, known, setting_of
-from jammkle_view.recorded import IMU_SIGNALS, Motion, Track
+from jammkle_view.recorded import IMU_SIGNALS, Motion, Rows, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.rigs.simulation import Ankle
     from jammkle_view.core.models import Naming
     from jammkle_view.recorded import Recorded
 
@@ -159,12 +158,12 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     if not commands:
         msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows its commands"
         raise InputError(msg)
-    rows = _Rows(simulation.ankles[shown])
+    noted = _Noted(shown, setting_of(recorded.description).ankles)
     try:
-        _run(simulation, commands, end_s, rows, on_progress)
+        _run(simulation, commands, end_s, noted, on_progress)
     except UnstableSimulationError as error:
         raise InputError(str(error)) from error
-    run = rows.run(simulation, shown, setting_of(recorded.description).ankles, recorded.start_s)
+    run = noted.run(simulation.model, recorded.start_s)
     note = (
         f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; its commands until then "
         "are taken to be the first that were recorded, and a reset is not known"
@@ -194,7 +193,7 @@ def _run(
     simulation: Simulation,
     commands: Sequence[Command],
     end_s: float,
-    rows: _Rows,
+    noted: _Noted,
     on_progress: Callable[[float], None],
 ) -> None:
     first: dict[tuple[str, str], Command] = {}
@@ -215,7 +214,7 @@ def _run(
             following = next(coming, None)
         simulation.advance(end - taken)
         taken = end
-        rows.note(simulation, with_state=tick % _STATE_TICKS == 0)
+        noted.take(simulation, tick * _IMU_PERIOD_S, with_state=tick % _STATE_TICKS == 0)
         if tick % (100 * _STATE_TICKS) == 0:
             on_progress(tick * _IMU_PERIOD_S / end_s)
 
@@ -228,58 +227,43 @@ def _command(simulation: Simulation, command: Command) -> None:
         view.set_pump_duty(min(max(command.value, 0.0), 1.0))
 
 
-class _Rows:
+class _Noted:
     """What one ankle and the robot around it do, as it comes."""
 
-    def __init__(self, view: Ankle) -> None:
-        self._view = view
-        self._imu: list[list[float]] = []
-        self._pressures_pa: list[list[float]] = []
-        self._tensions_n: list[list[float]] = []
-        self._base: list[list[float]] = []
-        self._joints: list[list[float]] = []
+    def __init__(self, shown: str, namings: Mapping[str, Naming]) -> None:
+        self._shown, self._namings = shown, namings
+        self._imu, self._pressures_pa = Rows(), Rows()
+        self._tensions_n, self._base, self._joints = Rows(), Rows(), Rows()
 
-    def note(self, simulation: Simulation, *, with_state: bool) -> None:
+    def take(self, simulation: Simulation, time_s: float, *, with_state: bool) -> None:
         """Take a sample of the IMU, and of everything else where it is due."""
-        imu = self._view.imu()
-        self._imu.append([*imu.specific_force_m_s2, *imu.angular_velocity_rad_s])
-        if with_state:
-            base = simulation.base()
-            self._base.append([*base.position_m, *base.rotation])
-            self._pressures_pa.append([self._view.manifold_pressure_pa(), *self._view.channel_pressures_pa().values()])
-            self._tensions_n.append([tendon.tension_n for tendon in self._view.tendons()])
-            self._joints.append(
-                [angle for view in simulation.ankles.values() for angle in view.joint_positions().values()]
-            )
+        view = simulation.ankles[self._shown]
+        imu = view.imu()
+        values = (*imu.specific_force_m_s2, *imu.angular_velocity_rad_s)
+        self._imu.append(time_s, dict(zip(IMU_SIGNALS, values, strict=True)))
+        if not with_state:
+            return
+        base = simulation.base()
+        self._base.append(time_s, dict(zip(_BASE, (*base.position_m, *base.rotation), strict=True)))
+        pressures_pa = {names.PRESSURES[channel].name: each for channel, each in view.channel_pressures_pa().items()}
+        self._pressures_pa.append(time_s, {names.MANIFOLD_PRESSURE.name: view.manifold_pressure_pa(), **pressures_pa})
+        tensions_n = (tendon.tension_n for tendon in view.tendons())
+        self._tensions_n.append(time_s, dict(zip(names.TENDONS, tensions_n, strict=True)))
+        joints = dict(view.joint_positions())  # plots know them by the ankle's own names, the model by its
+        for name, ankle in simulation.ankles.items():
+            naming = self._namings[name if len(simulation.ankles) > 1 else ""]
+            joints |= {naming.joint(joint): value for joint, value in ankle.joint_positions().items()}
+        self._joints.append(time_s, joints)
 
-    def run(self, simulation: Simulation, shown: str, namings: Mapping[str, Naming], start_s: float) -> SimulatedRun:
+    def run(self, model: Any, start_s: float) -> SimulatedRun:
         """Return all of it, in the time of the recording."""
-        time_s = _IMU_PERIOD_S * _STATE_TICKS * np.arange(1.0, len(self._base) + 1.0) - start_s
-        imu_s = _IMU_PERIOD_S * np.arange(1.0, len(self._imu) + 1.0) - start_s
-        joints = np.array(self._joints).reshape(len(time_s), -1)
-        several, place = len(simulation.ankles) > 1, 0
-        columns: dict[str, NDArray[np.float64]] = {}
-        for name, view in simulation.ankles.items():
-            naming = namings[name if several else ""]
-            for joint in view.joint_positions():
-                columns[naming.joint(joint)] = joints[:, place]
-                if name == shown:  # plots know them by the ankle's own names
-                    columns[joint] = joints[:, place]
-                place += 1
-        pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
-        readings = {
-            signal: Track(times_s, {signal: values})
-            for signals, times_s, rows in ((pressures, time_s, self._pressures_pa), (IMU_SIGNALS, imu_s, self._imu))
-            for signal, values in zip(signals, np.array(rows).T, strict=True)
-        }
-        tensions = dict(zip(names.TENDONS, np.array(self._tensions_n).T, strict=True))
-        base = dict(zip(_BASE, np.array(self._base).T, strict=True))
+        tracks = (self._pressures_pa.track(start_s), self._imu.track(start_s))
         return SimulatedRun(
-            model=simulation.model,
-            joints=Track(time_s, columns),
-            tensions_n=Track(time_s, tensions),
-            readings=readings,
-            base=Track(time_s, base),
+            model=model,
+            joints=self._joints.track(start_s),
+            tensions_n=self._tensions_n.track(start_s),
+            readings={name: each for track in tracks for name, each in track.apart(track.columns).items()},
+            base=self._base.track(start_s),
         )
 
 

@@ -34,7 +34,7 @@ from jammkle_view.core.samples import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -71,6 +71,10 @@ class Track:
     def covers(self, time_s: float) -> bool:
         """Return whether a time lies between the first and the last sample."""
         return bool(len(self.time_s)) and bool(self.time_s[0] <= time_s <= self.time_s[-1])
+
+    def apart(self, names: Iterable[str]) -> dict[str, Track]:
+        """Return a track for each of some signals that it has, by name."""
+        return {name: Track(self.time_s, {name: self.columns[name]}) for name in names if name in self.columns}
 
 
 NOTHING = Track(np.zeros(0), {})
@@ -216,10 +220,11 @@ def _takers(
     return takers
 
 
-class _Rows:
+class Rows:
     """Samples of some signals as they come, eight bytes a number: a recording may be long."""
 
     def __init__(self) -> None:
+        """Begin without a sample."""
         self.time_s = array("d")
         self._columns: dict[str, array[float]] = {}
 
@@ -247,10 +252,10 @@ class _Collected:
     """Collects samples."""
 
     def __init__(self) -> None:
-        self._joints, self._base, self._imu = _Rows(), _Rows(), _Rows()
-        self._tensions_n, self._extensions_m = _Rows(), _Rows()
-        self._pressures_pa: dict[str, _Rows] = defaultdict(_Rows)
-        self._others: dict[str, _Rows] = defaultdict(_Rows)
+        self._joints, self._base, self._imu = Rows(), Rows(), Rows()
+        self._tensions_n, self._extensions_m = Rows(), Rows()
+        self._pressures_pa: dict[str, Rows] = defaultdict(Rows)
+        self._others: dict[str, Rows] = defaultdict(Rows)
         self._broken: dict[str, float] = {}
         self._landings: list[Landing] = []
         self._reports: list[JamReport] = []
@@ -302,8 +307,7 @@ class _Collected:
             raise InputError(msg)
         start_s, end_s = min(float(each.min()) for each in times_s), max(float(each.max()) for each in times_s)
         readings = {topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()}
-        imu = self._imu.track(start_s)
-        readings |= {each: Track(imu.time_s, {each: imu.columns[each]}) for each in IMU_SIGNALS if each in imu.columns}
+        readings |= self._imu.track(start_s).apart(IMU_SIGNALS)
         return Recorded(
             name=name,
             namespace=namespace,
