@@ -17,6 +17,7 @@ from jammkle_common import names
 from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_view.core.ankle import FORCE, RATE, AnkleState
 from jammkle_view.core.samples import (
     TAKERS,
@@ -45,10 +46,8 @@ Timed = TypeVar("Timed", JamReport, Event, Landing)
 
 IMU_SIGNALS = (*FORCE.signals.values(), *RATE.signals.values())
 
-AMBIENT_PA = 101325.0
-"""What a pressure stands for no vacuum at, where no driver says more. Standard atmosphere (ISO 2533)."""
-_LEAST_VACUUM_PA = 0.1 * AMBIENT_PA
-"""From which on a channel is taken to be jammed."""
+_LEAST_VACUUM_PA = 0.1 * STANDARD_ATMOSPHERE_PA
+"""From which on a channel is taken to be jammed, where no driver says more; no vacuum is the standard atmosphere."""
 _SHORTEST_S = 1e-3
 """Duration of a bag that holds one sample."""
 
@@ -147,7 +146,7 @@ class Recorded(Motion):
     def _by_pressure(self, channel: str, time_s: float) -> Channel:
         topic = names.PRESSURES[channel].name
         track = self.readings.get(topic)
-        vacuum_pa = 0.0 if track is None else AMBIENT_PA - track.at(time_s)[topic]
+        vacuum_pa = 0.0 if track is None else STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
         jams = vacuum_pa > _LEAST_VACUUM_PA
         return Channel(
             ChannelState.JAMMED if jams else ChannelState.UNJAMMED, math.nan, max(vacuum_pa, 0.0), "by its pressure"
