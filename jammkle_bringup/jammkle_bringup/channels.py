@@ -15,12 +15,12 @@ from rcl_interfaces.srv import GetParameters
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, no_answer
+from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, below, no_answer
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, SILENT_FOR
-from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM, below, relative, resolved
+from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM, relative, resolved
 from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -114,20 +114,17 @@ def jam(
     vacuum_pa = vacuum_kpa * _PA_PER_KPA
     request = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
     limits = GetParameters.Request(names=[_MAX_VACUUM])
-    answers: dict[str, Answer] = {}
     with GraphClient(namespace, asked_to_stop) as client:
         ankles = client.ankles()
         for ankle in ankles:  # before any of them is jammed
-            values = client.call(f"{_path(ankle, DRIVER_NODE)}/get_parameters", GetParameters, limits).values
+            values = client.call(f"{below(ankle, DRIVER_NODE)}/get_parameters", GetParameters, limits).values
             largest_pa = values[0].double_value if values else math.inf
             if vacuum_pa > largest_pa:
                 limit = f"the driver's {_MAX_VACUUM} of {largest_pa / _PA_PER_KPA:g} kPa"
                 msg = f"--vacuum-kpa {vacuum_kpa:g} is beyond {limit}: ask for less"
                 raise InputError(msg)
-        for ankle in ankles:
-            answer = client.call(_path(ankle, JAM.path), Jam, request)
-            answers[ankle] = Answer(answer.success, answer.message, tuple(channels) or CHANNELS, vacuum_kpa)
-    return answers
+        answers = {ankle: client.call(below(ankle, JAM.path), Jam, request) for ankle in ankles}
+    return _answered(answers, channels, vacuum_kpa)
 
 
 def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], bool]) -> dict[str, Answer]:
@@ -140,12 +137,14 @@ def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], b
     """
     _check_channels(channels)
     request = Unjam.Request(channels=list(channels))
-    answers: dict[str, Answer] = {}
     with GraphClient(namespace, asked_to_stop) as client:
-        for ankle in client.ankles():
-            answer = client.call(_path(ankle, UNJAM.path), Unjam, request)
-            answers[ankle] = Answer(answer.success, answer.message, tuple(channels) or CHANNELS, 0.0)
-    return answers
+        answers = {ankle: client.call(below(ankle, UNJAM.path), Unjam, request) for ankle in client.ankles()}
+    return _answered(answers, channels, 0.0)
+
+
+def _answered(answers: Mapping[str, Any], channels: Sequence[str], vacuum_kpa: float) -> dict[str, Answer]:
+    asked = tuple(channels) or CHANNELS
+    return {ankle: Answer(each.success, each.message, asked, vacuum_kpa) for ankle, each in answers.items()}
 
 
 def _check_channels(channels: Sequence[str]) -> None:
@@ -174,7 +173,7 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
         )
 
         def subscribe(ankle: str) -> None:
-            name = resolved(namespace, below(ankle, JAM_STATE))
+            name = resolved(namespace, below(ankle, JAM_STATE.name))
 
             def take(state: JamState) -> None:
                 states[ankle] = state
@@ -184,8 +183,8 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
         ankles = client.ankles(subscribe)
         if not client.wait_until(lambda: states.keys() >= set(ankles), ANSWER_TIMEOUT_S):
             silent = next(ankle for ankle in ankles if ankle not in states)
-            raise GraphError(no_answer(below(silent, JAM_STATE), namespace, ANSWER_TIMEOUT_S))
-        drivers = {resolved(namespace, _path(ankle, DRIVER_NODE)) for ankle in ankles}
+            raise GraphError(no_answer(below(silent, JAM_STATE.name), namespace, ANSWER_TIMEOUT_S))
+        drivers = {resolved(namespace, below(ankle, DRIVER_NODE)) for ankle in ankles}
         client.wait_until(lambda: all_reported(_inside(namespace, ankles, health), drivers), _LATEST_S)
         shown = _inside(namespace, ankles, health)
     return {ankle: _jam_status(states[ankle]) for ankle in ankles}, tuple(shown[name] for name in sorted(shown))
@@ -198,11 +197,6 @@ def _inside(namespace: str, ankles: Sequence[str], health: Mapping[str, HealthSt
     return {
         name: health[name] for name, node in nodes.items() if node is not None and node.rpartition("/")[0] in places
     }
-
-
-def _path(ankle: str, name: str) -> str:
-    """Return a name of an ankle as seen from the graph's namespace."""
-    return f"{ankle}/{name}" if ankle else name
 
 
 def all_reported(health: Mapping[str, HealthStatus], drivers: Collection[str]) -> bool:

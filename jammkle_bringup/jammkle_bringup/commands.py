@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime as dt
 import math
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,6 +20,9 @@ from jammkle_common.command.errors import GraphError, InputError, Interrupted, S
 from jammkle_common.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
 from jammkle_common.command.options import ON_BAGS, ON_THE_GRAPH, JsonOption, NamespaceOption
 from jammkle_common.names import normalised
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -260,8 +264,8 @@ def info(bag: BagArgument, verbose: AllOption = False, json: JsonOption = None) 
     from jammkle_common.bags.run_sheet import TEMPLATE
 
     results.check_writable(json)
-    with results.progress_bar(f"reading {bag}") as show:
-        found = bag_info(bag, lambda share: show(share, ""))
+    with _reading(bag) as show:
+        found = bag_info(bag, show)
     console = results.console()
     console.print(info_line(found), markup=False)
     console.print(info_table(found))
@@ -294,8 +298,8 @@ def recover(
 
     results.check_writable(json)
     try:
-        with results.progress_bar(f"reading {bag}") as show:
-            done = make_whole(bag, lambda share: show(share, ""), output)
+        with _reading(bag) as show:
+            done = make_whole(bag, show, output)
     except OSError as error:
         return failed(f"bag {bag} cannot be recovered: {error.strerror or error}", EXIT_FAILED)
     results.console().print(done.text(), markup=False)
@@ -328,8 +332,8 @@ def export(
         msg = f"--rate-hz {rate_hz:g} must be above 0 and at most {LARGEST_RATE_HZ:g} Hz"
         raise InputError(msg)
     results.check_writable(json)
-    from jammkle_bringup.core.export import ExportRequest, TableFormat, exported_table
     from jammkle_bringup.core.export import export as write_tables
+    from jammkle_bringup.core.export import exported_table
 
     stop = StopRequest()
     try:
@@ -340,20 +344,31 @@ def export(
     except OSError as error:
         msg = f"folder {output} cannot be made: {error.strerror}"
         raise InputError(msg) from error
-    request = ExportRequest(bag, output, TableFormat.PARQUET if parquet else TableFormat.CSV, rate_hz)
-    done = None
-    try:
-        with results.progress_bar(f"reading {bag}") as show:
-            done = write_tables(request, lambda share: show(share, ""), stop)
-    except OSError as error:
-        msg = f"a table cannot be written into {output}: {error.strerror or error}"
-        raise GraphError(msg) from error
-    finally:
-        if done is None:
-            shutil.rmtree(output, ignore_errors=True)
+    with _whole_or_gone(output, f"a table cannot be written into {output}"), _reading(bag) as show:
+        done = write_tables(bag, output, "parquet" if parquet else "csv", rate_hz, show, stop)
     results.console().print(exported_table(done, output))
     results.write_json(json, dataclasses.asdict(done))
     return 0
+
+
+@contextlib.contextmanager
+def _reading(bag: Path) -> Iterator[Callable[[float], None]]:
+    """Show a bar; give what takes the share that was read, 0 to 1."""
+    with results.progress_bar(f"reading {bag}") as show:
+        yield lambda share: show(share, "")
+
+
+@contextlib.contextmanager
+def _whole_or_gone(folder: Path, failure: str) -> Iterator[None]:
+    """Remove a new folder again where the block does not come to its end; say what has failed on an error of a disk."""
+    try:
+        yield
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            msg = f"{failure}: {error.strerror or error}"
+            raise GraphError(msg) from error
+        raise
 
 
 @app.command(rich_help_panel=ON_BAGS)
@@ -373,12 +388,9 @@ def plot(
     if page.exists():
         msg = f"--output {output} holds {PAGE_NAME}: nothing is overwritten; choose another or move it away"
         raise InputError(msg)
-    stop = StopRequest()
     place = None if namespace is None else normalised(namespace)
-    with results.progress_bar(f"reading {bag}") as show:
-        picture = run_picture(bag, place, lambda share: show(share, ""), stop)
-    if picture is None:
-        raise Interrupted
+    with _reading(bag) as show:
+        picture = run_picture(bag, place, show, StopRequest())
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -417,32 +429,21 @@ def rename(
     json: JsonOption = None,
 ) -> int:
     """Write a bag of a robot with other names anew, so that every other verb knows its joints and topics."""
-    from jammkle_bringup.core.renaming import JointRenaming, RenamingError, RenamingRequest, topics_of
+    from jammkle_bringup.core.renaming import JointRenaming, topics_of
     from jammkle_bringup.core.renaming import rename as write_anew
     from jammkle_common.bags.writing import check_free
 
     if not joint and not topic:
         msg = "nothing to rename: give --joint theirs=ours or --topic /theirs=/ours"
         raise InputError(msg)
-    try:
-        joints = JointRenaming.parsed(",".join(joint or ()))
-        request = RenamingRequest(bag, output, joints, topics_of(topic or []))
-    except RenamingError as error:
-        raise InputError(str(error)) from error
+    joints, topics = JointRenaming.parsed(",".join(joint or ())), topics_of(topic or [])
     results.check_writable(json)
     check_free(output)
-    done = None
-    try:
-        with results.progress_bar(f"reading {bag}") as show:
-            done = write_anew(request, lambda share: show(share, ""), StopRequest())
-    except OSError as error:
-        msg = f"bag {output} cannot be written: {error.strerror or error}"
-        raise GraphError(msg) from error
-    finally:
-        if done is None:
-            shutil.rmtree(output, ignore_errors=True)
-    text = f"{output}: {done.messages} messages"
-    text += f", {done.joint_messages} of them with renamed joints" if joints.new else ""
+    with _whole_or_gone(output, f"bag {output} cannot be written"), _reading(bag) as show:
+        count, changed = write_anew(bag, output, joints, topics, show, StopRequest())
+    text = f"{output}: {count} messages"
+    text += f", {changed} of them with renamed joints" if joints.new else ""
     results.console().print(text, markup=False)
-    results.write_json(json, done.as_json())
+    done = {"bag": str(output), "messages": count, "joint_messages": changed, "topics": topics}
+    results.write_json(json, done)
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import threading
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,13 +90,7 @@ def demo(
     """
     say("a simulated ankle is dropped onto a slope of 40 degrees, recorded, and diagnosed; this takes half a minute")
     with tempfile.TemporaryDirectory() as scratch:
-        of_sim: dict[str, ParameterValue] = {"start_paused": True}
-        if hidden.effects_file:
-            effects = Path(scratch) / "effects.yaml"
-            effects.write_text(hidden.effects_file, encoding="utf-8")
-            of_sim["effects_file"] = str(effects)
-        values = {SIM_NODE: of_sim}
-        options = beside_others(GraphOptions(namespace, values=values), asked_to_stop)
+        options = _options(namespace, {}, hidden.effects_file, Path(scratch), asked_to_stop)
         folder = make_folder()
         bag = folder / "bag"
         with (folder / "graph.log").open("w", encoding="utf-8") as log:
@@ -140,11 +133,9 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
         Interrupted: asked to stop.
 
     """
-    lock = threading.Lock()
 
     def keep(name: str, line: str) -> None:
-        with lock:
-            log.write(f"[{name}] {line}\n")
+        log.write(f"[{name}] {line}\n")
 
     screen = Console(stderr=True)
     specs = child_specs(options)
@@ -187,17 +178,29 @@ def record_landing(
 
     """
     with tempfile.TemporaryDirectory() as scratch:
-        values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
-        if effects:
-            file = Path(scratch) / "effects.yaml"
-            file.write_text(effects, encoding="utf-8")
-            values["effects_file"] = str(file)
-        options = beside_others(GraphOptions("/", values={SIM_NODE: values}), asked_to_stop)
+        options = _options("/", of_sim, effects, Path(scratch), asked_to_stop)
         with (Path(scratch) / "graph.log").open("w+", encoding="utf-8") as log:
             bad = land(replace(options, bag=bag), log, asked_to_stop)
             if bad:
                 msg = f"the graph did not stop well while a case was recorded: {bad[0]}"
                 raise GraphError(msg)
+
+
+def _options(
+    namespace: str, of_sim: Mapping[str, ParameterValue], effects: str, scratch: Path, asked_to_stop: Callable[[], bool]
+) -> GraphOptions:
+    """Return the options of a graph that stands paused, beside others; the content of an effects file goes to a folder.
+
+    Raises:
+        InputError: a graph is already up.
+
+    """
+    values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
+    if effects:
+        file = scratch / "effects.yaml"
+        file.write_text(effects, encoding="utf-8")
+        values["effects_file"] = str(file)
+    return beside_others(GraphOptions(namespace, values={SIM_NODE: values}), asked_to_stop)
 
 
 def _land(advance: Callable[[int], object], seen: _Seen, show: Callable[[str], None]) -> None:
@@ -279,7 +282,3 @@ def _seconds(time_s: float | None) -> str:
 
 def _pa(pascal: float) -> str:
     return f"{pascal / _PA_PER_KPA:.1f} kPa"
-
-
-def _kpa(kilopascal: float | None) -> str:
-    return "not measured" if kilopascal is None else f"{kilopascal:.1f}"

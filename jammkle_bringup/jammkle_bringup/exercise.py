@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_bringup.core.shank_course import READY_S, Limb, course_of, spoken, standing
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
-from jammkle_bringup.graph_client import LOOKERS, GraphClient
+from jammkle_bringup.graph_client import LOOKERS, GraphClient, below
 from jammkle_bringup.up import RECORDER, Startup, pass_on
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command.errors import GraphError, InputError
@@ -82,19 +81,6 @@ _COUNT_S = 5
 """Seconds that a person is given to take the shank."""
 _STANDS_S = 10.0
 """Real time, s, for which the graph's clock may stand still."""
-
-
-@dataclass
-class _Received:
-    """What has come from the graph so far."""
-
-    time_s: float | None = None
-    joints: dict[str, dict[str, float]] = field(default_factory=dict)
-    """By ankle, position by joint, rad."""
-    hip_height_m: float | None = None
-
-    def take_odometry(self, message: Odometry) -> None:
-        self.hip_height_m = float(message.pose.pose.position.z)
 
 
 def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Callable[[], bool]) -> None:
@@ -164,13 +150,17 @@ class _Session:
 
     def __init__(self, client: GraphClient) -> None:
         self._client = client
-        self._received = _Received()
+        self._time_s: float | None = None
+        """Of /clock; None: there is none."""
+        self._joints: dict[str, dict[str, float]] = {}
+        """By ankle, position by joint, rad."""
+        self._hip_height_m: float | None = None
         self._ankles = client.ankles()
-        client.subscribe(Odometry, ODOMETRY, self._received.take_odometry, subscriber_qos(ODOMETRY))
+        client.subscribe(Odometry, ODOMETRY, self._take_odometry, subscriber_qos(ODOMETRY))
         self._limb_over_ground: Limb | None = None
         self._places = {}
         for ankle in self._ankles:
-            topic = resolved(client.namespace, f"{ankle}/{JOINT_STATES.name}" if ankle else JOINT_STATES.name)
+            topic = resolved(client.namespace, below(ankle, JOINT_STATES.name))
             self._places[ankle] = client.node.create_publisher(JointState, topic, publisher_qos(JOINT_STATES))
 
             def take(message: JointState, ankle: str = ankle) -> None:
@@ -184,7 +174,7 @@ class _Session:
         # comes last: an executor of rclpy serves what has arrived in the order in which a node subscribed.
         self._done = client.node.create_publisher(Header, resolved(client.namespace, LOCKSTEP.name), answer_qos())
         client.subscribe(Clock, CLOCK, self._take_clock, subscriber_qos(CLOCK))
-        client.wait_until(lambda: set(self._received.joints) == set(self._ankles), _SEEN_S)
+        client.wait_until(lambda: set(self._joints) == set(self._ankles), _SEEN_S)
         self._built = {name: self._value_of(node, name) for node, name in AS_BUILT}
         self._set_auto(automatic=False)
 
@@ -197,7 +187,7 @@ class _Session:
         """
         found = {}
         for ankle in self._ankles:
-            path = _below(ankle, f"{node}/get_parameters")
+            path = below(ankle, f"{node}/get_parameters")
             answer = self._client.call(path, GetParameters, GetParameters.Request(names=[name]))
             found[ankle] = float(answer.values[0].double_value) if answer.values else 0.0
         if len(set(found.values())) > 1:
@@ -217,11 +207,7 @@ class _Session:
         rig, programme = kind.build(options)
         say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
         angles = self._angles(rig, limbs) if limbs else {}
-        if (
-            not limbs
-            and has_ground(rig)
-            and not all(CARRIAGE_JOINT in joints for joints in self._received.joints.values())
-        ):
+        if not limbs and has_ground(rig) and not all(CARRIAGE_JOINT in joints for joints in self._joints.values()):
             msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
             msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
             raise InputError(msg)
@@ -232,7 +218,7 @@ class _Session:
         if angles:
             self._move({joint: course[:1] for joint, course in angles.items()}, [READY_S])
             self._wait(READY_S)
-        for doubt in standing(self._received.joints, self._built[HANG_PITCH]):
+        for doubt in standing(self._joints, self._built[HANG_PITCH]):
             say(doubt)
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
         spec = ChildSpec(RECORDER, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
@@ -256,7 +242,7 @@ class _Session:
 
     def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
         """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
-        in_simulation, course = self._received.time_s is not None, course_of(rig, timestep_s(rig))
+        in_simulation, course = self._time_s is not None, course_of(rig, timestep_s(rig))
         begun_s = self._now_s() + (_AHEAD_S if in_simulation else 0.0)
         due: list[tuple[float, Callable[[], None]]] = [
             (step.time_s, partial(self._set_vacuum, step.channels, step.vacuum_pa)) for step in programme.vacuum
@@ -283,9 +269,9 @@ class _Session:
         for ankle in self._ankles:
             if vacuum_pa > 0.0:
                 request = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
-                answer = self._client.call(_below(ankle, JAM.path), Jam, request)
+                answer = self._client.call(below(ankle, JAM.path), Jam, request)
             else:
-                answer = self._client.call(_below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(channels)))
+                answer = self._client.call(below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(channels)))
             if not answer.success:
                 msg = f"the driver of {ankle or 'the ankle'} refuses: {answer.message}"
                 raise GraphError(msg)
@@ -296,13 +282,13 @@ class _Session:
         return all(
             recorder in {node_at(end) for end in self._client.subscriptions(topic)}
             for ankle in self._ankles
-            for topic in (resolved(self._client.namespace, _below(ankle, each.name)) for each in (IMU, JOINT_STATES))
+            for topic in (resolved(self._client.namespace, below(ankle, each.name)) for each in (IMU, JOINT_STATES))
         )
 
     def _limbs(self) -> dict[str, Limb]:
         """Return the limb of every ankle whose joints are seen."""
         found = {}
-        for ankle, joints in self._received.joints.items():
+        for ankle, joints in self._joints.items():
             if set(LEG_JOINTS[1:]) <= set(joints):
                 offset_m = place_of(ankle).get("hip_offset_m", 0.0) if ankle in QUADRUPED_ANKLES else 0.0
                 found[ankle] = Limb(
@@ -315,12 +301,12 @@ class _Session:
         course, found = course_of(rig, timestep_s(rig)), {}
         for ankle, limb in limbs.items():
             if has_ground(rig):
-                if not self._client.wait_until(lambda: self._received.hip_height_m is not None, _SEEN_S):
+                if not self._client.wait_until(lambda: self._hip_height_m is not None, _SEEN_S):
                     msg = (
                         f"{ODOMETRY.name} is not published, so that nobody knows how high the hips are over the ground"
                     )
                     raise GraphError(msg)
-                angles_rad = limb.pressing_rad(course, float(self._received.hip_height_m or 0.0))
+                angles_rad = limb.pressing_rad(course, float(self._hip_height_m or 0.0))
             else:
                 angles_rad = limb.hanging_rad(course)
             side = f"{ankle.partition('_')[0]}_" if ankle else ""
@@ -342,22 +328,25 @@ class _Session:
         self._trajectory.publish(trajectory)
 
     def _take_clock(self, tick: Clock) -> None:
-        self._received.time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
+        self._time_s = tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND
         self._done.publish(Header(stamp=tick.clock, frame_id=self._client.node.get_fully_qualified_name()))
+
+    def _take_odometry(self, message: Odometry) -> None:
+        self._hip_height_m = float(message.pose.pose.position.z)
 
     def _take_joints(self, ankle: str, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
         if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
             return  # its own
-        self._received.joints[ankle] = angles
-        if self._limb_over_ground is not None and self._received.hip_height_m is not None:
+        self._joints[ankle] = angles
+        if self._limb_over_ground is not None and self._hip_height_m is not None:
             limb = self._limbs()[ankle]
-            place_m = limb.place_m(angles, self._received.hip_height_m)
+            place_m = limb.place_m(angles, self._hip_height_m)
             joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]
             self._places[ankle].publish(JointState(header=message.header, name=joints, position=list(place_m)))
 
     def _now_s(self) -> float:
-        return time.monotonic() if self._received.time_s is None else self._received.time_s
+        return time.monotonic() if self._time_s is None else self._time_s
 
     def _wait(self, lasts_s: float) -> None:
         """Wait on the graph's clock.
@@ -378,8 +367,4 @@ class _Session:
 
     def _set_auto(self, *, automatic: bool) -> None:
         for ankle in self._ankles:
-            self._client.call(_below(ankle, SET_AUTO.path), SetBool, SetBool.Request(data=automatic))
-
-
-def _below(ankle: str, path: str) -> str:
-    return f"{ankle}/{path}" if ankle else path
+            self._client.call(below(ankle, SET_AUTO.path), SetBool, SetBool.Request(data=automatic))

@@ -195,19 +195,18 @@ class GraphClient:
 
     def nodes(self) -> set[str]:
         """Return the full names of all nodes seen so far."""
-        return {
-            resolved(namespace, name)
-            for node in self._lookers
-            for name, namespace in node.get_node_names_and_namespaces()
-        }
+        return set().union(*self._seen())
 
     def count(self, full_name: str) -> int:
         """Return how many nodes of a full name are seen."""
-        found = (
+        return max(names.count(full_name) for names in self._seen())
+
+    def _seen(self) -> list[list[str]]:
+        """Return the full names of the nodes that each participant sees."""
+        return [
             [resolved(namespace, name) for name, namespace in node.get_node_names_and_namespaces()]
             for node in self._lookers
-        )
-        return max(names.count(full_name) for names in found)
+        ]
 
     def publishers(self, topic: str) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic, by its absolute name, as that participant knows them that sees most."""
@@ -216,6 +215,11 @@ class GraphClient:
     def subscriptions(self, topic: str) -> list[TopicEndpointInfo]:
         """Return the subscriptions of a topic, as `publishers` does."""
         return max((node.get_subscriptions_info_by_topic(topic) for node in self._lookers), key=len)
+
+
+def below(ankle: str, path: str) -> str:
+    """Return a name of an ankle as seen from the graph's namespace, where that of the ankle may be the same: empty."""
+    return f"{ankle}/{path}" if ankle else path
 
 
 def ros_domain() -> str:

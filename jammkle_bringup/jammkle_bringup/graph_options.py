@@ -10,7 +10,6 @@ from jammkle_bringup.core.node_table import (
     AS_BUILT,
     FOXGLOVE,
     GAP_MONITOR,
-    NODES,
     ROBOT_NAMES,
     SIM_HARDWARE,
     VIEWER,
@@ -21,7 +20,6 @@ from jammkle_bringup.core.node_table import (
     merged_values,
     nodes_for,
     robot_names_for,
-    values_of,
 )
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command.errors import InputError
@@ -34,6 +32,7 @@ from jammkle_common.names import (
     resolved,
 )
 from jammkle_common.parameters import ParameterError, rows
+from jammkle_sim.parameters import SimParameters
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.parameters import NO_FOXGLOVE, NO_PAGE
 
@@ -78,7 +77,7 @@ def check(options: GraphOptions) -> None:
 
     """
     check_hardware(options.hardware)
-    check_robot(options)
+    _check_robot(options)
     for wanted, module, way_out in ((options.view, "viser", NO_PAGE), (options.foxglove, "foxglove", NO_FOXGLOVE)):
         if wanted and importlib.util.find_spec(module) is None:
             raise InputError(way_out)
@@ -91,13 +90,8 @@ def check(options: GraphOptions) -> None:
         check_free(options.bag)
 
 
-def check_robot(options: GraphOptions) -> None:
-    """Refuse what a robot does not have.
-
-    Raises:
-        InputError: there is no twin of it, or its ankles would share one board.
-
-    """
+def _check_robot(options: GraphOptions) -> None:
+    """Refuse a twin of what is no ankle, and one board for several."""
     name = options.robot.value
     if options.monitor and options.robot is not Robot.ANKLE:
         msg = f"--monitor needs --robot ankle: the twin of the gap monitor is one ankle on its rig, not a {name}"
@@ -126,7 +120,7 @@ def given_values(
     elif robot is not Robot.ANKLE:
         of_sim["robot"] = robot.value
     if speed is not None:
-        of_sim["speed"] = check_speed(speed, hardware)
+        of_sim["speed"] = _checked_speed(speed, hardware)
     if port is not None:
         if hardware == SIM_HARDWARE:
             msg = f"--port {port} needs --hardware modbus: a simulation has none"
@@ -137,18 +131,11 @@ def given_values(
     return {node: values for node, values in found.items() if values}
 
 
-def check_speed(speed: float, hardware: str) -> float:
-    """Return the speed of a simulation.
-
-    Raises:
-        InputError: there is no simulation, or the speed is out of the simulation's range.
-
-    """
+def _checked_speed(speed: float, hardware: str) -> float:
     if hardware != SIM_HARDWARE:
         msg = f"--speed {speed:g} needs --hardware sim: real hardware runs at its own"
         raise InputError(msg)
-    table = next(entry for entry in NODES if entry.name == SIM_NODE).parameters()
-    row = next(row for row in rows(table) if row.name == "speed")
+    row = next(row for row in rows(SimParameters) if row.name == "speed")
     try:
         return float(row.check(speed))
     except ParameterError as error:
@@ -189,8 +176,7 @@ def given_value(options: GraphOptions, node: str, name: str) -> object:
 
 def given_values_of(options: GraphOptions, entry: NodeEntry) -> dict[str, object]:
     """Return everything that was given for a node, by parameter."""
-    of_files = merged_values(options.parameter_files, options.namespace, entry)
-    return {**of_files, **values_of(options.values, entry)}
+    return merged_values(options.parameter_files, options.namespace, entry, options.values)
 
 
 def with_value(options: GraphOptions, node: str, name: str, *, value: ParameterValue) -> GraphOptions:

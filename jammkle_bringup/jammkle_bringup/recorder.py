@@ -7,7 +7,6 @@ import errno
 import functools
 import importlib
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock
@@ -52,37 +51,34 @@ _SPIN_TIMEOUT_S = 0.1
 _DRAIN_S = 1.0  # a graph that goes on publishes without end
 
 
-@dataclass(frozen=True)
-class RecorderOptions:
-    """What to record: the bag's folder, a normalised namespace, and which clock gives the log times."""
-
-    path: Path
-    namespace: str
-    source: TimeSource
-
-
 class Recorder(Node):
     """Subscribes to topics as they appear and writes their messages as they came over the wire."""
 
-    def __init__(self, options: RecorderOptions, definitions: MessageDefinitions) -> None:
+    def __init__(self, path: Path, namespace: str, source: TimeSource) -> None:
         """Create the bag and start to record.
+
+        Args:
+            path: Folder of the bag.
+            namespace: Normalised.
+            source: Which clock gives the log times.
 
         Raises:
             InputError: the bag's path exists or cannot be made.
 
         """
-        self.path = options.path
+        self.path = path
         self._failed = False
-        self._definitions = definitions
-        self._log = BagLog(options.path, definitions)
-        self._times = LogTimes(options.source, self._write, self._is_of_clock_maker)
+        self._definitions = MessageDefinitions(share_folders())
+        self._log = BagLog(path, self._definitions)
+        self._times = LogTimes(source, self._write, self._is_of_clock_maker)
         self._begun_ns = time.time_ns()
-        self._may_switch = options.source is TimeSource.UNDECIDED
+        self._may_switch = source is TimeSource.UNDECIDED
         self._kept: list[Received] = []
-        self._count = 0
-        super().__init__("recorder", namespace=options.namespace, start_parameter_services=False)
-        self._namespace = options.namespace
-        self._sim_parameters = resolved(options.namespace, SIM_PARAMETERS.name)
+        self.received = 0
+        """Messages so far."""
+        super().__init__("recorder", namespace=namespace, start_parameter_services=False)
+        self._namespace = namespace
+        self._sim_parameters = resolved(namespace, SIM_PARAMETERS.name)
         self._recorded: dict[str, Subscription] = {}
         self._requested: dict[str, QoSProfile] = {}
         self._types: dict[str, tuple[str, Callable[[], Sequence[Qos]]]] = {}
@@ -93,16 +89,11 @@ class Recorder(Node):
         # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
         # lost between a publisher's first message and the next look at the graph.
         for topic in TOPICS:
-            self._subscribe(resolved(options.namespace, topic.name), topic.message_type, publisher_qos(topic))
+            self._subscribe(resolved(namespace, topic.name), topic.message_type, publisher_qos(topic))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
         self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
         self._discover()
-
-    @property
-    def received(self) -> int:
-        """How many messages were received so far."""
-        return self._count
 
     def counts(self) -> BagCounts:
         """Return how many messages are in the bag so far."""
@@ -184,7 +175,7 @@ class Recorder(Node):
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
         message = Received(name, data, source_ns, stamp_ns)
-        self._count += 1
+        self.received += 1
         with self._keeping_failure():
             self._keep(message)
             self._times.take(message)
@@ -238,7 +229,7 @@ class Recorder(Node):
 
     def _take_clock(self, name: str, _is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001
         tick_ns = _stamp_ns(data)
-        self._count += 1
+        self.received += 1
         with self._keeping_failure():
             if self._may_switch:
                 if self._times.source is TimeSource.SYSTEM:
@@ -342,7 +333,7 @@ def record(path: Path, namespace: str, clock: str) -> BagCounts:
     nodes: list[Recorder] = []
 
     def make_node() -> Recorder:
-        node = Recorder(RecorderOptions(path, namespace, _SOURCES[clock]), MessageDefinitions(share_folders()))
+        node = Recorder(path, namespace, _SOURCES[clock])
         nodes.append(node)
         say(f"recording namespace {namespace} into {path}; Ctrl-C ends")
         return node

@@ -15,8 +15,9 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from jammkle_bringup.core.renaming import JointRenaming, RenamingError
+from jammkle_bringup.core.renaming import JointRenaming
 from jammkle_common import names
+from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import ParameterError, declare, parameter
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.runner import run
@@ -50,7 +51,7 @@ class RobotNamesNode(Node):
         values = declare(self, RobotNamesParameters)
         try:
             self._ours = JointRenaming.parsed(values.joints)
-        except RenamingError as error:
+        except InputError as error:
             msg = f"{self.get_fully_qualified_name()}: {error}"
             raise ParameterError(msg) from error
         if not self._ours.new:
@@ -64,15 +65,8 @@ class RobotNamesNode(Node):
     def _on_joints(self, message: JointState) -> None:
         found = self._ours.renamed(message) or self._theirs.renamed(message)
         if found is not None:
-            self._publisher.publish(
-                JointState(
-                    header=message.header,
-                    name=list(found.name),
-                    position=list(found.position),
-                    velocity=list(found.velocity),
-                    effort=list(found.effort),
-                )
-            )
+            joints, values = found
+            self._publisher.publish(JointState(header=message.header, name=joints, **values))
 
 
 def main() -> int:

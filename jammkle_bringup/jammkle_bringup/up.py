@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
@@ -26,6 +26,7 @@ from jammkle_bringup.graph_client import (
     LOOK_S,
     LOOKERS,
     GraphClient,
+    below,
     refuse_if_doubled,
     refuse_if_there,
     ros_domain,
@@ -153,7 +154,7 @@ def up(options: GraphOptions, asked_to_stop: Callable[[], bool]) -> int:
         except Interrupted:  # before it was up; it stops as it does later
             pass
         if death is not None and not failed:
-            say_death(death)
+            say(death.text())
         bad = supervisor.stop()
     return say_how_it_ended(death, bad) or int(failed)
 
@@ -229,16 +230,11 @@ def say_how_it_ended(death: Death | None, bad: Sequence[Death]) -> int:
     """Say which processes did not end well and return the exit code."""
     others = [each for each in bad if death is None or each.name != death.name]
     for each in others:
-        say_death(each)
+        say(each.text())
     if death is None and not others:
         say("stopped")
         return 0
     return 1
-
-
-def say_death(death: Death) -> None:
-    """Say who died and how."""
-    say(death.text())
 
 
 def say_loss(death: Death) -> None:
@@ -282,6 +278,9 @@ _CONNECTIONS = (
 class Startup:
     """A graph that is starting or running, seen from a client's node, with the processes behind it.
 
+    Everything that waits raises GraphError if a process dies meanwhile, if the time is up, or if a node refuses, and
+    Interrupted if the command is asked to stop.
+
     Attributes:
         client: Node in the graph's namespace.
         supervisor: The processes.
@@ -294,13 +293,7 @@ class Startup:
     hint: str = ""
 
     def wait(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for something on the graph; True once it holds, False when the time is up.
-
-        Raises:
-            GraphError: a process died meanwhile.
-            Interrupted: the command was asked to stop.
-
-        """
+        """Wait for something on the graph; True once it holds, False when the time is up."""
         deaths: list[Death] = []
 
         def done() -> bool:
@@ -311,8 +304,7 @@ class Startup:
 
         held = self.client.wait_until(done, timeout_s)
         if deaths:
-            msg = f"{deaths[0].text()}{self.hint}"
-            raise GraphError(msg)
+            self._fail(deaths[0].text())
         return held
 
     def wait_until_connected(self, members: Collection[str], ankles: Sequence[str] = ("",)) -> None:
@@ -322,26 +314,17 @@ class Startup:
             members: Names relative to the graph's namespace: `sim`, `driver`, `lf_ankle/driver`.
             ankles: Namespaces of the ankles, below that one.
 
-        Raises:
-            GraphError: a process died, or the time is up.
-            Interrupted: the command was asked to stop.
-
         """
         timeout_s = READY_TIMEOUT_S * len(ankles)
         if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
             missing = ", ".join(_missing(self.client, members, ankles))
-            msg = f"not ready after {timeout_s:g} s, missing: {missing}{self.hint}"
-            raise GraphError(msg)
+            self._fail(f"not ready after {timeout_s:g} s, missing: {missing}")
 
     def wait_until_in_step(self, members: Collection[str]) -> None:
         """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step.
 
         Args:
             members: Names relative to the graph's namespace.
-
-        Raises:
-            GraphError: a process died, or the time is up.
-            Interrupted: the command was asked to stop.
 
         """
         in_step: set[str] = set()
@@ -355,17 +338,10 @@ class Startup:
         self.client.subscribe(DiagnosticArray, DIAGNOSTICS, take, subscriber_qos(DIAGNOSTICS))
         wanted = {resolved(self.client.namespace, member) for member in members}
         if not self.wait(lambda: wanted <= in_step, READY_TIMEOUT_S * len(members)):
-            msg = f"not in step with the simulation: {', '.join(sorted(wanted - in_step))}{self.hint}"
-            raise GraphError(msg)
+            self._fail(f"not in step with the simulation: {', '.join(sorted(wanted - in_step))}")
 
     def wait_until_active(self, driver: str = DRIVER_NODE) -> None:
-        """Wait until a driver, by its name relative to the graph's namespace, is active.
-
-        Raises:
-            GraphError: a process died, or the time is up.
-            Interrupted: the command was asked to stop.
-
-        """
+        """Wait until a driver, by its name relative to the graph's namespace, is active."""
         state = State.PRIMARY_STATE_UNKNOWN
 
         def active() -> bool:
@@ -378,17 +354,10 @@ class Startup:
             return bool(state == State.PRIMARY_STATE_ACTIVE)
 
         if not self.wait(active, READY_TIMEOUT_S):
-            msg = f"{driver} is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state}){self.hint}"
-            raise GraphError(msg)
+            self._fail(f"{driver} is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state})")
 
     def join_clock(self) -> None:
-        """Let the paused simulation start at the /clock that another one makes, if that one's time has begun.
-
-        Raises:
-            GraphError: the simulation does not answer, or refuses.
-            Interrupted: the command was asked to stop.
-
-        """
+        """Let the paused simulation start at the /clock that another one makes, if that one's time has begun."""
         ticks: list[Clock] = []
         self.client.subscribe(Clock, CLOCK, ticks.append, subscriber_qos(CLOCK))
         setter = f"{SIM_NODE}/set_parameters"
@@ -401,8 +370,7 @@ class Startup:
             request = SetParameters.Request(parameters=[Parameter(name="start_time_s", value=value)])
             (result,) = self.client.call(setter, SetParameters, request).results
             if not result.successful:
-                msg = f"the simulation did not take the time of {CLOCK.name}: {result.reason}{self.hint}"
-                raise GraphError(msg)
+                self._fail(f"the simulation did not take the time of {CLOCK.name}: {result.reason}")
             if _clock_ns(ticks[-1]) / NANOSECONDS_PER_SECOND - start_s < _JOINED_WITHIN_S:
                 return
 
@@ -410,55 +378,38 @@ class Startup:
         """Let a paused simulation take steps, as fast as all that are in step with it can; return its time then, s.
 
         What its nodes have published up to then has been received.
-
-        Raises:
-            GraphError: a process died, or the simulation refuses or does not answer.
-            Interrupted: the command was asked to stop.
-
         """
         caller = self.client.node.create_client(Step, resolved(self.client.namespace, STEP.path))
         try:
             future = caller.call_async(Step.Request(steps=steps))
             if not self.wait(future.done, STUCK_S):
-                msg = f"{STEP.path} did not answer within {STUCK_S:g} s{self.hint}"
-                raise GraphError(msg)
+                self._fail(f"{STEP.path} did not answer within {STUCK_S:g} s")
         finally:
             self.client.node.destroy_client(caller)
         answer = future.result()
         if not answer.success:
-            msg = f"the simulation did not go on: {answer.message}{self.hint}"
-            raise GraphError(msg)
+            self._fail(f"the simulation did not go on: {answer.message}")
         self.client.take_what_came()
         return float(answer.simulated_time_s)
 
     def wait_steps(self, steps: int) -> None:
-        """Wait until a simulation that runs in the time of another /clock has taken that many steps.
-
-        Raises:
-            GraphError: a process died, or /clock stands still.
-            Interrupted: the command was asked to stop.
-
-        """
+        """Wait until a simulation that runs in the time of another /clock has taken that many steps."""
         self.let_go()
         ticks_ns: list[int] = []
         self.client.subscribe(Clock, CLOCK, lambda tick: ticks_ns.append(_clock_ns(tick)), subscriber_qos(CLOCK))
         passed_ns = round(steps * SimParameters().timestep_s * NANOSECONDS_PER_SECOND)
         if not self.wait(lambda: bool(ticks_ns) and ticks_ns[-1] - ticks_ns[0] >= passed_ns, STUCK_S):
-            msg = f"{CLOCK.name} stands still for {STUCK_S:g} s{self.hint}"
-            raise GraphError(msg)
+            self._fail(f"{CLOCK.name} stands still for {STUCK_S:g} s")
 
     def let_go(self) -> None:
-        """Let the simulated time run.
-
-        Raises:
-            GraphError: the simulation does not answer, or refuses.
-            Interrupted: the command was asked to stop.
-
-        """
+        """Let the simulated time run."""
         answer = self.client.call(SET_PAUSED.path, SetBool, SetBool.Request(data=False))
         if not answer.success:
-            msg = f"the simulation did not start: {answer.message}{self.hint}"
-            raise GraphError(msg)
+            self._fail(f"the simulation did not start: {answer.message}")
+
+    def _fail(self, what: str) -> NoReturn:
+        msg = f"{what}{self.hint}"
+        raise GraphError(msg)
 
 
 def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str]) -> list[str]:
@@ -468,12 +419,11 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
         for topic, publisher, subscribers in _CONNECTIONS:
             # the recorder and a simulation of several ankles are not in the namespace of one of them
             source, *listeners = (
-                name if name in (SIM_NODE, RECORDER) or not ankle else f"{ankle}/{name}"
-                for name in (publisher, *subscribers)
+                name if name in (SIM_NODE, RECORDER) else below(ankle, name) for name in (publisher, *subscribers)
             )
             if source not in members:
                 continue
-            path = f"{ankle}/{topic}" if ankle else topic
+            path = below(ankle, topic)
             full = resolved(client.namespace, path)
             publishing = _names(client, client.publishers(full))
             listening = _names(client, client.subscriptions(full))

@@ -64,7 +64,7 @@ def nodes(context: LaunchContext) -> list[Node]:
         actions.append(
             Node(
                 package=entry.package,
-                executable=entry.executable,
+                executable=entry.executable or entry.name,
                 name=entry.name,
                 namespace=namespace,
                 parameters=[*files, values],

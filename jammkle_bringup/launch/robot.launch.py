@@ -59,7 +59,7 @@ def nodes(context: LaunchContext) -> list[Node]:
         actions.append(
             Node(
                 package=entry.package,
-                executable=entry.executable,
+                executable=entry.executable or entry.name,
                 name=entry.name,
                 namespace=resolved(namespace, entry.within) if entry.within else namespace,
                 parameters=[*files, values],

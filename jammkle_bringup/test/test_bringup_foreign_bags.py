@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_bringup.core.export import ExportRequest, TableFormat, export
+from jammkle_bringup.core.export import export
 from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import zstd
 from jammkle_common.command.errors import Interrupted
@@ -490,11 +490,7 @@ def test_an_export_ends_when_it_is_asked_to(tmp_path: Path) -> None:
     asked = iter([False])
     (tmp_path / "out").mkdir()
     with pytest.raises(Interrupted):
-        export(
-            ExportRequest(tmp_path / "bag", tmp_path / "out", TableFormat.CSV, 10_000.0),
-            lambda _: None,
-            lambda: next(asked, True),
-        )
+        export(tmp_path / "bag", tmp_path / "out", "csv", 10_000.0, lambda _: None, lambda: next(asked, True))
 
 
 @pytest.mark.parametrize("rate", [(), ("--rate-hz", "100")])

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_bringup.core.run_plot import run_picture
-from jammkle_bringup.core.run_samples import STRETCHES, Envelope
+from jammkle_bringup.core.run_plot import STRETCHES, Envelope, run_picture
 from jammkle_common.command.main import main
 from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS
 from jammkle_view.core.samples import EventKind
@@ -18,6 +17,8 @@ from jammkle_view.core.samples import EventKind
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from jammkle_bringup.core.run_plot import RunPicture
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e4), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=1, max_size=300))
@@ -84,56 +85,57 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
     return maker.close()
 
 
-def test_the_picture_tells_what_happened(bag: Path) -> None:
+@pytest.fixture
+def picture(bag: Path) -> RunPicture:
+    return run_picture(bag, None, lambda _: None, lambda: False)
+
+
+def test_the_picture_tells_what_happened(picture: RunPicture) -> None:
     """Vacuum from the sensor's own zero, states from when to when, the event at its stamp, the loop and its work."""
-    picture = run_picture(bag, None, lambda _: None, lambda: False)
-    assert picture is not None
-    vacuum, state, _, tension, loop = picture.panels
-    curves = {curve.name: {round(x, 6): y for x, y in zip(curve.x, curve.y, strict=True)} for curve in vacuum.curves}
+    vacuum, state, _, tension = picture.panels
+    curves = {curve.name: {round(x, 6): y for x, y in zip(curve.x, curve.y, strict=True)} for curve in vacuum.traces}
     assert curves["achilles"][0.2] == pytest.approx(0.0)
     assert curves["achilles"][0.9] == pytest.approx(50.0)
     assert max(curves["achilles, set point"].values()) == 50.0
-    assert [(bar.name, round(bar.begin_s, 6), round(bar.end_s, 6)) for bar in state.bars] == [
+    assert [(bar.name, round(bar.base[0], 6), round(bar.base[0] + bar.x[0], 6)) for bar in state.traces] == [
         ("UNJAMMED", 0.0, 0.3),
         ("JAMMING", 0.3, 0.6),
         ("JAMMED", 0.6, 1.0),
     ]
-    assert [(mark.name, round(mark.time_s, 6)) for mark in picture.marks] == [("IMPACT", 0.25)]
+    assert {channel for bar in state.traces for channel in bar.y} == {"achilles"}
+    assert [(name, round(time_s, 6)) for time_s, name in picture.marks] == [("IMPACT", 0.25)]
     assert tension.with_marks
-    (curve,) = loop.curves
+    assert picture.loops is not None
+    (curve,) = picture.loops.traces
     assert curve.name == "achilles_left: -0.2 J taken up"
     assert list(zip(curve.x, curve.y, strict=True)) == [(0, 0), (10, 0), (10, 20), (0, 20), (0, 0)]
 
 
-def test_duty_holds_until_the_next_message(bag: Path) -> None:
+def test_duty_holds_until_the_next_message(picture: RunPicture) -> None:
     """A duty that comes on change is drawn as steps, and goes on to the end of the run."""
-    picture = run_picture(bag, None, lambda _: None, lambda: False)
-    assert picture is not None
-    (duty,) = next(panel for panel in picture.panels if panel.y_label == "pump duty").curves
-    assert duty.steps
+    (duty,) = next(panel for panel in picture.panels if panel.y_label == "pump duty").traces
+    assert duty.line.shape == "hv"
     assert [(round(x, 6), y) for x, y in zip(duty.x, duty.y, strict=True)] == [(0.3, 1.0), (0.8, 0.0), (1.0, 0.0)]
 
 
-def test_no_curve_hides_another(bag: Path) -> None:
+def test_no_curve_hides_another(picture: RunPicture) -> None:
     """Of curves that may be equal the one that is drawn later is thinner, so that the earlier is seen around it."""
-    picture = run_picture(bag, None, lambda _: None, lambda: False)
-    assert picture is not None
-    measured = {curve.name: curve.y for curve in picture.panels[0].curves if not curve.dotted}
-    assert list(measured) == ["peroneal_left", "achilles"]
+    measured = [curve.name for curve in picture.panels[0].traces if curve.line.dash == "solid"]
+    assert measured == ["peroneal_left", "achilles"]
     for panel in picture.panels:
-        for dotted in (False, True):
-            widths = [curve.width for curve in panel.curves if curve.dotted == dotted]
+        for dash in ("solid", "dot"):
+            widths = [curve.line.width for curve in panel.traces if curve.type == "scatter" and curve.line.dash == dash]
             assert all(later < earlier for earlier, later in itertools.pairwise(widths))
 
 
-def test_a_channel_and_an_event_have_one_colour_everywhere(bag: Path) -> None:
+def test_a_channel_and_an_event_have_one_colour_everywhere(bag: Path, picture: RunPicture, tmp_path: Path) -> None:
     """Curves and marks are coloured as on the page in the browser."""
-    picture = run_picture(bag, None, lambda _: None, lambda: False)
-    assert picture is not None
-    drawn = {curve.name: curve.colour for panel in picture.panels for curve in panel.curves}
+    drawn = {each.name: each.line.color for panel in picture.panels for each in panel.traces if each.type == "scatter"}
     for name in ("achilles", "peroneal_left", "achilles_left"):
         assert bytes.fromhex(drawn[name][1:]) == bytes(LINE_TINTS[name])
-    assert [bytes.fromhex(mark.colour[1:]) for mark in picture.marks] == [bytes(EVENT_TINTS[EventKind.IMPACT])]
+    assert main(["plot", str(bag), "-o", str(tmp_path / "out")]) == 0
+    impact = bytes(EVENT_TINTS[EventKind.IMPACT]).hex()
+    assert f'"color":"#{impact}","width":1' in (tmp_path / "out" / "run.html").read_text(encoding="utf-8")
 
 
 def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from jammkle_bringup.core.landing import read_run, summarise, summary_of
+from jammkle_bringup.core.landing import RunSummary, read_run, summary_of
 from jammkle_bringup.core.picture import draw
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
@@ -102,6 +102,10 @@ def landing(maker: Any, parts: tuple[str, ...] = PARTS, namespace: str = "", rea
         getattr(written, part)()
     path: Path = maker.close()
     return path
+
+
+def summarise(path: Path, namespace: str | None = None) -> RunSummary:
+    return summary_of(read_run(path, namespace), str(path))
 
 
 def test_a_known_landing_is_summarised(bag_maker: Callable[[str], Any]) -> None:

@@ -45,7 +45,7 @@ def view(
     """Play a bag back on a page in the browser, its simulation laid over it."""
     if importlib.util.find_spec("viser") is None:
         raise InputError(NO_PAGE)
-    from jammkle_view.playback import Shown, run
+    from jammkle_view.playback import run
 
-    shown = Shown(bag, None if namespace is None else normalised(namespace), rig, corrected, not no_simulation)
-    return run(shown, host, port, StopRequest())
+    place = None if namespace is None else normalised(namespace)
+    return run(bag, place, rig, corrected, host, port, StopRequest(), simulated=not no_simulation)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from jammkle_common import names
 from jammkle_common.bags.reading import opened
@@ -19,16 +19,15 @@ from jammkle_gap import BadEffectError, BadRecordingError, InfeasibleError, load
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
-from jammkle_view.core.models import setting_of
-from jammkle_view.recorded import NOTHING, Track
+from jammkle_view.core.models import described, known, setting_of
+from jammkle_view.recorded import IMU_SIGNALS, Motion, Rows, Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from jammkle_sim.rigs.simulation import Ankle
     from jammkle_view.core.models import Naming
     from jammkle_view.recorded import Recorded
 
@@ -46,17 +45,11 @@ class Gap:
     largest: float
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """One run again. Times count from the start of the bag."""
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRun(Motion):
+    """One run again: what sensors would have read."""
 
     model: Any
-    joints: Track
-    tensions_n: Track
-    readings: Mapping[str, Track]
-    """What sensors would have read, by signal; each track has one column of the same name."""
-    base: Track = NOTHING
-    """Of a robot whose joints do not say where it is; as `Recorded.base`."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +82,7 @@ def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path 
     try:
         recordings = load_recordings(path, rig, namespace=recorded.namespace)
         runs: list[SimulatedRun] = []
-        squares: dict[tuple[str, str], list[NDArray[np.float64]]] = {}
+        off: dict[tuple[str, str], list[NDArray[np.float64]]] = defaultdict(list)
         for recording in recordings:
             again = rerun(recording, corrected)
             offset_s = again.began_s - recorded.start_s
@@ -101,21 +94,17 @@ def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path 
                     continue
                 values = again.readings[signal.name]
                 readings[signal.name] = Track(signal.time_s + offset_s, {signal.name: values})
-                squares.setdefault((signal.name, signal.unit), []).append((values - signal.values) ** 2)
-            runs.append(
-                SimulatedRun(again.model, Track(time_s, again.joints), Track(time_s, again.tensions_n), readings)
-            )
+                off[signal.name, signal.unit].append(values - signal.values)
+            joints, tensions_n = Track(time_s, again.joints), Track(time_s, again.tensions_n)
+            runs.append(SimulatedRun(model=again.model, joints=joints, tensions_n=tensions_n, readings=readings))
     except (BadEffectError, BadRecordingError, InfeasibleError) as error:
         raise InputError(str(error)) from error
-    return Overlay(tuple(runs), _rig_gaps(squares), recordings[0].notes[:_UNSHOWN_NOTES])
+    gaps = tuple(_gap(signal, unit, np.concatenate(parts)) for (signal, unit), parts in off.items())
+    return Overlay(tuple(runs), gaps, recordings[0].notes[:_UNSHOWN_NOTES])
 
 
-def _rig_gaps(squares: Mapping[tuple[str, str], Sequence[NDArray[np.float64]]]) -> tuple[Gap, ...]:
-    gaps = []
-    for (signal, unit), parts in squares.items():
-        whole = np.concatenate(parts)
-        gaps.append(Gap(signal, unit, float(np.sqrt(whole.mean())), float(np.sqrt(whole.max()))))
-    return tuple(gaps)
+def _gap(signal: str, unit: str, off: NDArray[np.float64]) -> Gap:
+    return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))
 
 
 LATEST_STAMP_S = 3600.0
@@ -126,13 +115,19 @@ _STATE_TICKS = 5
 _MISSED_S = 0.05
 """Recordings that begin later get a note: what was commanded before is not in them."""
 _BASE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_AXES = ("x", "y", "z")
+_UNITS = {
+    "pressure": "Pa",
+    "specific_force": "m/s^2",
+    "angular_velocity": "rad/s",
+    "position": "rad",
+    "tension": "N",
+}
+"""By what a signal is, as the end of its name says, without the axis."""
 
 
 def is_robot(recorded: Recorded) -> bool:
     """Return whether a recording is of a simulated leg or quadruped."""
-    content = _content(recorded)
-    return "robot" in content
+    return "robot" in described(recorded.description)
 
 
 def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float], None]) -> Overlay:
@@ -163,12 +158,12 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     if not commands:
         msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows its commands"
         raise InputError(msg)
-    rows = _Rows(simulation.ankles[shown])
+    noted = _Noted(shown, setting_of(recorded.description).ankles)
     try:
-        _run(simulation, commands, end_s, rows, on_progress)
+        _run(simulation, commands, end_s, noted, on_progress)
     except UnstableSimulationError as error:
         raise InputError(str(error)) from error
-    run = rows.run(simulation, shown, setting_of(recorded.description).ankles, recorded.start_s)
+    run = noted.run(simulation.model, recorded.start_s)
     note = (
         f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; its commands until then "
         "are taken to be the first that were recorded, and a reset is not known"
@@ -176,21 +171,11 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     return Overlay((run,), tuple(_gaps(recorded, run)), (note,) if recorded.start_s > _MISSED_S else ())
 
 
-def _content(recorded: Recorded) -> Mapping[str, Any]:
-    try:
-        content = yaml.safe_load(recorded.description)
-    except yaml.YAMLError:
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
 def _simulation(recorded: Recorded) -> Simulation:
     """Return the robot at its start, with sensors that have neither noise nor offset."""
-    content = _content(recorded)
-    known = {field.name for field in dataclasses.fields(RobotOptions)}
-    options = {name: value for name, value in dict(content.get("options") or {}).items() if name in known}
+    content = described(recorded.description)
     try:
-        built = robot(str(content["robot"]), RobotOptions(**options))
+        built = robot(str(content["robot"]), RobotOptions(**known(RobotOptions, content)))
     except (ParameterError, TypeError) as error:
         msg = f"robot '{content['robot']}' cannot be built as {names.SIM_PARAMETERS.name} says: {error}"
         raise InputError(msg) from error
@@ -208,7 +193,7 @@ def _run(
     simulation: Simulation,
     commands: Sequence[Command],
     end_s: float,
-    rows: _Rows,
+    noted: _Noted,
     on_progress: Callable[[float], None],
 ) -> None:
     first: dict[tuple[str, str], Command] = {}
@@ -229,7 +214,7 @@ def _run(
             following = next(coming, None)
         simulation.advance(end - taken)
         taken = end
-        rows.note(simulation, with_state=tick % _STATE_TICKS == 0)
+        noted.take(simulation, tick * _IMU_PERIOD_S, with_state=tick % _STATE_TICKS == 0)
         if tick % (100 * _STATE_TICKS) == 0:
             on_progress(tick * _IMU_PERIOD_S / end_s)
 
@@ -242,97 +227,58 @@ def _command(simulation: Simulation, command: Command) -> None:
         view.set_pump_duty(min(max(command.value, 0.0), 1.0))
 
 
-class _Rows:
+class _Noted:
     """What one ankle and the robot around it do, as it comes."""
 
-    def __init__(self, view: Ankle) -> None:
-        self._view = view
-        self._imu: list[list[float]] = []
-        self._pressures_pa: list[list[float]] = []
-        self._tensions_n: list[list[float]] = []
-        self._base: list[list[float]] = []
-        self._joints: list[list[float]] = []
+    def __init__(self, shown: str, namings: Mapping[str, Naming]) -> None:
+        self._shown, self._namings = shown, namings
+        self._imu, self._pressures_pa = Rows(), Rows()
+        self._tensions_n, self._base, self._joints = Rows(), Rows(), Rows()
 
-    def note(self, simulation: Simulation, *, with_state: bool) -> None:
+    def take(self, simulation: Simulation, time_s: float, *, with_state: bool) -> None:
         """Take a sample of the IMU, and of everything else where it is due."""
-        imu = self._view.imu()
-        self._imu.append([*imu.specific_force_m_s2, *imu.angular_velocity_rad_s])
-        if with_state:
-            base = simulation.base()
-            self._base.append([*base.position_m, *base.rotation])
-            self._pressures_pa.append([self._view.manifold_pressure_pa(), *self._view.channel_pressures_pa().values()])
-            self._tensions_n.append([tendon.tension_n for tendon in self._view.tendons()])
-            self._joints.append(
-                [angle for view in simulation.ankles.values() for angle in view.joint_positions().values()]
-            )
+        view = simulation.ankles[self._shown]
+        imu = view.imu()
+        values = (*imu.specific_force_m_s2, *imu.angular_velocity_rad_s)
+        self._imu.append(time_s, dict(zip(IMU_SIGNALS, values, strict=True)))
+        if not with_state:
+            return
+        base = simulation.base()
+        self._base.append(time_s, dict(zip(_BASE, (*base.position_m, *base.rotation), strict=True)))
+        pressures_pa = {names.PRESSURES[channel].name: each for channel, each in view.channel_pressures_pa().items()}
+        self._pressures_pa.append(time_s, {names.MANIFOLD_PRESSURE.name: view.manifold_pressure_pa(), **pressures_pa})
+        tensions_n = (tendon.tension_n for tendon in view.tendons())
+        self._tensions_n.append(time_s, dict(zip(names.TENDONS, tensions_n, strict=True)))
+        joints = dict(view.joint_positions())  # plots know them by the ankle's own names, the model by its
+        for name, ankle in simulation.ankles.items():
+            naming = self._namings[name if len(simulation.ankles) > 1 else ""]
+            joints |= {naming.joint(joint): value for joint, value in ankle.joint_positions().items()}
+        self._joints.append(time_s, joints)
 
-    def run(self, simulation: Simulation, shown: str, namings: Mapping[str, Naming], start_s: float) -> SimulatedRun:
+    def run(self, model: Any, start_s: float) -> SimulatedRun:
         """Return all of it, in the time of the recording."""
-        time_s = _IMU_PERIOD_S * _STATE_TICKS * np.arange(1.0, len(self._base) + 1.0) - start_s
-        imu_s = _IMU_PERIOD_S * np.arange(1.0, len(self._imu) + 1.0) - start_s
-        joints = np.array(self._joints).reshape(len(time_s), -1)
-        several, place = len(simulation.ankles) > 1, 0
-        columns: dict[str, NDArray[np.float64]] = {}
-        for name, view in simulation.ankles.items():
-            naming = namings[name if several else ""]
-            for joint in view.joint_positions():
-                columns[naming.joint(joint)] = joints[:, place]
-                if name == shown:  # plots know them by the ankle's own names
-                    columns[joint] = joints[:, place]
-                place += 1
-        pressures = (names.MANIFOLD_PRESSURE.name, *(names.PRESSURES[channel].name for channel in names.CHANNELS))
-        readings = {
-            topic: Track(time_s, {topic: values})
-            for topic, values in zip(pressures, np.array(self._pressures_pa).T, strict=True)
-        }
-        signals = [f"imu/{what}_{axis}" for what in ("specific_force", "angular_velocity") for axis in _AXES]
-        readings |= {
-            signal: Track(imu_s, {signal: values})
-            for signal, values in zip(signals, np.array(self._imu).T, strict=True)
-        }
-        tensions = dict(zip(names.TENDONS, np.array(self._tensions_n).T, strict=True))
-        base = dict(zip(_BASE, np.array(self._base).T, strict=True))
+        tracks = (self._pressures_pa.track(start_s), self._imu.track(start_s))
         return SimulatedRun(
-            simulation.model, Track(time_s, columns), Track(time_s, tensions), readings, Track(time_s, base)
+            model=model,
+            joints=self._joints.track(start_s),
+            tensions_n=self._tensions_n.track(start_s),
+            readings={name: each for track in tracks for name, each in track.apart(track.columns).items()},
+            base=self._base.track(start_s),
         )
 
 
-def _gaps(recorded: Recorded, run: SimulatedRun) -> list[Gap]:
-    """Return how far the shown signals are off, at the times at which they were measured."""
-    pairs: list[tuple[str, str, Track, str, Track]] = [
-        (topic, "Pa", track, topic, run.readings.get(topic, NOTHING)) for topic, track in recorded.pressures_pa.items()
-    ]
-    for what, unit, track in (
-        ("specific_force", "m/s^2", recorded.forces_m_s2),
-        ("angular_velocity", "rad/s", recorded.rates_rad_s),
-    ):
-        pairs += [
-            (f"imu/{what}_{axis}", unit, track, axis, run.readings[f"imu/{what}_{axis}"]) for axis in track.columns
-        ]
-    pairs += [
-        (f"{joint}/position", "rad", recorded.joints, joint, run.joints)
-        for joint in recorded.joints.columns
-        if joint in run.joints.columns
-    ]
-    pairs += [
-        (f"{tendon}/tension", "N", recorded.tensions_n, tendon, run.tensions_n)
-        for tendon in recorded.tensions_n.columns
-        if tendon in run.tensions_n.columns
-    ]
-    gaps = [_gap(signal, unit, track, column, simulated) for signal, unit, track, column, simulated in pairs]
-    return [gap for gap in gaps if gap is not None]
-
-
-def _gap(signal: str, unit: str, measured: Track, column: str, simulated: Track) -> Gap | None:
-    values = simulated.columns.get(column, simulated.columns.get(signal))
-    if values is None or not len(measured.time_s):
-        return None
-    inside = (measured.time_s >= simulated.time_s[0]) & (measured.time_s <= simulated.time_s[-1])
-    off = np.interp(measured.time_s[inside], simulated.time_s, values) - measured.columns[column][inside]
-    off = off[np.isfinite(off)]
-    if not len(off):
-        return None
-    return Gap(signal, unit, float(np.sqrt(np.mean(off**2))), float(np.abs(off).max()))
+def _gaps(recorded: Recorded, run: SimulatedRun) -> Iterator[Gap]:
+    """Give how far the shown signals are off, at the times at which they were measured."""
+    for signal, (time_s, measured) in recorded.signals.items():
+        if signal not in run.signals:
+            continue
+        simulated_s, simulated = run.signals[signal]
+        inside = (time_s >= simulated_s[0]) & (time_s <= simulated_s[-1])
+        off = np.interp(time_s[inside], simulated_s, simulated) - measured[inside]
+        off = off[np.isfinite(off)]
+        if len(off):
+            what = signal.rpartition("/")[2]
+            yield _gap(signal, _UNITS[what if what in _UNITS else what.rpartition("_")[0]], off)
 
 
 @dataclass(frozen=True)

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jammkle_common import names
 from jammkle_common.command.errors import InputError
-from jammkle_common.command.results import progress_bar
-from jammkle_view.core.ankle import AnkleState, thinned
+from jammkle_common.command.results import progress_bar, say
+from jammkle_view.core.ankle import CARRIAGE, FORCE, PITCH, PRESSURE, RATE, TENSION, AnkleState, thinned
 from jammkle_view.core.figure import EVENT_TINTS, GHOST_TINT, LINE_TINTS
 from jammkle_view.core.models import setting_of
 from jammkle_view.core.samples import EventKind
 from jammkle_view.overlay import Overlay, is_robot, overlay_of, robot_overlay
 from jammkle_view.page import words
-from jammkle_view.page.plots import BINS, LEAST, Line, Mark, Plot
+from jammkle_view.page.plots import BINS, Line, Mark, Plot
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import address_of, is_watched, look_at, serve
-from jammkle_view.recorded import NOTHING, Track, base_at, read_recorded
+from jammkle_view.recorded import read_recorded
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,42 +29,51 @@ if TYPE_CHECKING:
     import viser
     from numpy.typing import NDArray
 
+    from jammkle_view.core.ankle import Quantity, Window
     from jammkle_view.core.figure import Rgb
-    from jammkle_view.recorded import Recorded
+    from jammkle_view.recorded import Curve, Recorded
 
 _FRAME_S = 1.0 / 30.0
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What is shown."""
-
-    bag: Path
-    namespace: str | None
-    rig: str | None
-    corrected: Path | None
-    simulated: bool
-    """Whether its simulation is laid over it."""
-
-
-def run(shown: Shown, host: str, port: int, asked_to_stop: Callable[[], bool]) -> int:
+def run(
+    bag: Path,
+    namespace: str | None,
+    rig: str | None,
+    corrected: Path | None,
+    host: str,
+    port: int,
+    asked_to_stop: Callable[[], bool],
+    *,
+    simulated: bool,
+) -> int:
     """Show a bag until asked to stop; return the exit code.
+
+    Args:
+        bag: What is played back.
+        namespace: Of the ankle; None: the only one.
+        rig: What it was recorded on, where the bag does not say.
+        corrected: Effects file that corrects the simulation.
+        host: Address that the page listens on.
+        port: TCP port; ANY_PORT takes the first free one.
+        asked_to_stop: Ends it.
+        simulated: Whether its simulation is laid over it.
 
     Raises:
         InputError: no bag, an option that does not fit, or a port that is taken.
 
     """
-    if shown.corrected is not None and not shown.simulated:
-        msg = f"--corrected {shown.corrected} and --no-simulation exclude each other: give one of them"
+    if corrected is not None and not simulated:
+        msg = f"--corrected {corrected} and --no-simulation exclude each other: give one of them"
         raise InputError(msg)
-    with progress_bar(f"reading {shown.bag}") as show:
-        recorded = read_recorded(shown.bag, shown.namespace, lambda share: show(share, ""))
-    overlay, why_not = _simulated(shown, recorded)
+    with progress_bar(f"reading {bag}") as show:
+        recorded = read_recorded(bag, namespace, lambda share: show(share, ""))
+    overlay, why_not = _simulated(bag, recorded, rig, corrected) if simulated else (None, "")
     player = Player(recorded.duration_s)
     server = serve(host, port, "Jammkle")
     try:
         page = PlaybackPage(server, recorded, overlay, why_not, player)
-        _say(f"page: {address_of(server)}; Ctrl-C stops")
+        say(f"page: {address_of(server)}; Ctrl-C stops")
         before_s = time.monotonic()
         while not asked_to_stop():
             now_s = time.monotonic()
@@ -80,40 +87,23 @@ def run(shown: Shown, host: str, port: int, asked_to_stop: Callable[[], bool]) -
     return 0
 
 
-def _simulated(shown: Shown, recorded: Recorded) -> tuple[Overlay | None, str]:
+def _simulated(bag: Path, recorded: Recorded, rig: str | None, corrected: Path | None) -> tuple[Overlay | None, str]:
     """Return the simulation, and why there is none. What a user has asked for by name must work, or is refused."""
-    if not shown.simulated:
-        return None, ""
-    try:
-        if shown.rig is None and is_robot(recorded):
-            return _robot(shown, recorded), ""
-        with progress_bar("simulating the same"):
-            return overlay_of(shown.bag, recorded, shown.rig, shown.corrected), ""
-    except InputError as error:
-        if shown.corrected is not None or shown.rig is not None:
-            raise
-        _say(f"without simulation: {error}")
-        return None, f"without simulation: {error}"
-
-
-def _robot(shown: Shown, recorded: Recorded) -> Overlay:
-    """Return the simulation of a robot.
-
-    Raises:
-        InputError: it cannot be simulated again, or shall be corrected.
-
-    """
-    if shown.corrected is not None:
-        msg = f"--corrected {shown.corrected} needs a recording of a rig: effects are of an ankle on its rig"
+    of_robot = rig is None and is_robot(recorded)
+    if of_robot and corrected is not None:
+        msg = f"--corrected {corrected} needs a recording of a rig: effects are of an ankle on its rig"
         raise InputError(msg)
-    with progress_bar("simulating the same") as show:
-        return robot_overlay(shown.bag, recorded, lambda share: show(share, ""))
-
-
-def _say(text: str) -> None:
-    """Write one line for people."""
-    sys.stderr.write(f"jammkle: {text}\n")
-    sys.stderr.flush()
+    try:
+        with progress_bar("simulating the same") as show:
+            if of_robot:
+                return robot_overlay(bag, recorded, lambda share: show(share, "")), ""
+            return overlay_of(bag, recorded, rig, corrected), ""
+    except InputError as error:
+        if corrected is not None or rig is not None:
+            raise
+        why_not = f"without simulation: {error}"
+        say(why_not)
+        return None, why_not
 
 
 SPEEDS: tuple[str, ...] = ("0.02", "0.05", "0.1", "0.25", "0.5", "1", "2", "5", "10")
@@ -235,7 +225,7 @@ class PlaybackPage:
             rows = [
                 (gap.signal, words.scaled(gap.rms, gap.unit), words.scaled(gap.largest, gap.unit))
                 for gap in self._overlay.gaps
-                if gap.signal in PLOTTED
+                if any(gap.signal in quantity.signals.values() for quantity in QUANTITIES)
             ]
             gui.add_html(words.table_html(("simulated less recorded", "rms", "largest"), rows))
             for note in self._overlay.notes:
@@ -261,7 +251,7 @@ class PlaybackPage:
         run = self._overlay.run_at(time_s)
         self._ghost.set_visible(visible=run is not None and self._ghost_wanted)
         if run is not None:
-            self._ghost.show(run.joints.at(time_s), {}, {}, base_at(run.base, time_s))
+            self._ghost.show(run.joints.at(time_s), {}, {}, run.base_at(time_s))
 
     def _show_texts(self, state: AnkleState, time_s: float) -> None:
         self._status.content = words.status_html(
@@ -284,33 +274,10 @@ class PlaybackPage:
 WHOLE = "all of it"
 WINDOWS_S: dict[str, float] = {WHOLE: math.inf, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0, "0.2 s": 0.2}
 """How much time the plots show, around where the playback stands; s by name."""
-PLOTTED: tuple[str, ...] = (
-    *(names.PRESSURES[channel].name for channel in names.CHANNELS),
-    names.MANIFOLD_PRESSURE.name,
-    *(f"imu/specific_force_{axis}" for axis in "xyz"),
-    *(f"imu/angular_velocity_{axis}" for axis in "xyz"),
-    "ankle_pitch/position",
-    f"{names.CARRIAGE_JOINT}/position",
-    *(f"{tendon}/tension" for tendon in names.TENDONS),
-)
-"""Signals that there are curves of, as the diagnosis names them."""
+QUANTITIES = (PRESSURE, FORCE, RATE, PITCH, CARRIAGE, TENSION)
 _NOW = Mark("now", (20, 20, 20))
 _HEIGHT_PX = 165
 _JOINT_TINT: Rgb = (60, 60, 70)
-
-
-@dataclass(frozen=True)
-class _Curve:
-    """One line of a plot: what was measured, and what the simulation has in its place."""
-
-    label: str
-    tint: Rgb
-    measured: Track
-    simulated: tuple[Track, ...]
-    """One per run."""
-    column: str
-    simulated_column: str
-    scale: float
 
 
 class PlaybackPlots:
@@ -326,11 +293,11 @@ class PlaybackPlots:
             overlay: Its simulation, if there is one.
 
         """
-        self._gui, self._recorded = gui, recorded
-        self._curves = {title: curves for title, curves in _curves(recorded, overlay).items() if curves}
-        self._whole = {title: _sampled(curves, 0.0, math.inf) for title, curves in self._curves.items()}
-        self._tab = tab
-        self._plots: dict[str, Plot] = {}
+        self._gui, self._tab, self._recorded = gui, tab, recorded
+        self._runs = () if overlay is None else tuple(run.signals for run in overlay.runs)
+        self._quantities = [each for each in QUANTITIES if self._labels(each)]
+        self._whole = {each: self._sampled(each, 0.0, math.inf) for each in self._quantities}
+        self._plots: dict[Quantity, Plot] = {}
         self.set_window(WHOLE)
 
     def set_window(self, name: str) -> None:
@@ -343,16 +310,8 @@ class PlaybackPlots:
         events = [Mark(kind.name.lower(), EVENT_TINTS[kind]) for kind in EventKind if self._times_of(kind)]
         with self._tab:
             self._plots = {
-                title: Plot(
-                    self._gui,
-                    title,
-                    _lines(curves),
-                    axis_s,
-                    (*events, _NOW),
-                    least=LEAST[title],
-                    height_px=_HEIGHT_PX,
-                )
-                for title, curves in self._curves.items()
+                each: Plot(self._gui, each, self._lines(each), axis_s, (*events, _NOW), height_px=_HEIGHT_PX)
+                for each in self._quantities
             }
 
     def show(self, time_s: float) -> None:
@@ -363,92 +322,52 @@ class PlaybackPlots:
         zero_s = 0.0 if whole else time_s
         marked = {kind.name.lower(): [each - zero_s for each in self._times_of(kind)] for kind in EventKind}
         marked[_NOW.label] = [time_s - zero_s]
-        for title, curves in self._curves.items():
-            base_s, values = self._whole[title] if whole else _sampled(curves, start_s, end_s)
-            self._plots[title].show(base_s - zero_s, values, marked)
+        for quantity, plot in self._plots.items():
+            base_s, values = self._whole[quantity] if whole else self._sampled(quantity, start_s, end_s)
+            plot.show(base_s - zero_s, values, marked)
 
     def _times_of(self, kind: EventKind) -> list[float]:
         return [event.time_s for event in self._recorded.events if event.kind is kind]
 
+    def _labels(self, quantity: Quantity, *, simulated: bool = False) -> list[str]:
+        """Return the labels of what was measured, or of what was measured and simulated."""
+        return [
+            label
+            for label, signal in quantity.signals.items()
+            if signal in self._recorded.signals and (not simulated or any(signal in run for run in self._runs))
+        ]
 
-def _curves(recorded: Recorded, overlay: Overlay | None) -> dict[str, tuple[_Curve, ...]]:
-    """Return the curves of every plot by its title; none where nothing was measured."""
-    runs = () if overlay is None else overlay.runs
+    def _lines(self, quantity: Quantity) -> list[Line]:
+        """Return the lines of a plot: measured ones, then simulated ones."""
+        measured = self._labels(quantity)
+        tints = {label: LINE_TINTS.get(label, _JOINT_TINT) for label in measured}
+        lines = [Line(label.replace("_", " "), tints[label]) for label in measured]
+        for label in self._labels(quantity, simulated=True):
+            if len(measured) == 1:
+                lines.append(Line("simulated", GHOST_TINT, dashed=True))
+            else:
+                lines.append(Line(f"{label.replace('_', ' ')} sim", tints[label], dashed=True))
+        return lines
 
-    def readings(signal: str) -> tuple[Track, ...]:
-        return tuple(run.readings.get(signal, NOTHING) for run in runs)
-
-    pressures = {channel: names.PRESSURES[channel].name for channel in names.CHANNELS}
-    pressures["manifold"] = names.MANIFOLD_PRESSURE.name
-    joints = tuple(run.joints for run in runs)
-    pulls = tuple(run.tensions_n for run in runs)
-
-    def joint(name: str, label: str, scale: float) -> tuple[_Curve, ...]:
-        if name not in recorded.joints.columns:
-            return ()
-        return (_Curve(label, _JOINT_TINT, recorded.joints, joints, name, name, scale),)
-
-    return {
-        "Pressure, absolute [kPa]": tuple(
-            _Curve(label, LINE_TINTS[label], recorded.pressures_pa[topic], readings(topic), topic, topic, 1e-3)
-            for label, topic in pressures.items()
-            if topic in recorded.pressures_pa
-        ),
-        "Specific force [m/s²]": tuple(
-            _Curve(axis, LINE_TINTS[axis], recorded.forces_m_s2, readings(signal), axis, signal, 1.0)
-            for axis, signal in ((axis, f"imu/specific_force_{axis}") for axis in recorded.forces_m_s2.columns)
-        ),
-        "Angular rate [rad/s]": tuple(
-            _Curve(axis, LINE_TINTS[axis], recorded.rates_rad_s, readings(signal), axis, signal, 1.0)
-            for axis, signal in ((axis, f"imu/angular_velocity_{axis}") for axis in recorded.rates_rad_s.columns)
-        ),
-        "Pitch of the foot, toe down [deg]": joint("ankle_pitch", "pitch", math.degrees(1.0)),
-        "Carriage [mm]": joint(names.CARRIAGE_JOINT, "carriage", 1e3),
-        "Tension [N]": tuple(
-            _Curve(tendon, LINE_TINTS[tendon], recorded.tensions_n, pulls, tendon, tendon, 1.0)
-            for tendon in names.TENDONS
-            if tendon in recorded.tensions_n.columns
-        ),
-    }
+    def _sampled(self, quantity: Quantity, start_s: float, end_s: float) -> Window:
+        """Return all lines of a plot at the times of its first one, between two times, s, as many as it draws."""
+        measured = [self._recorded.signals[quantity.signals[label]] for label in self._labels(quantity)]
+        time_s, _ = measured[0]
+        first, last = np.searchsorted(time_s, start_s), np.searchsorted(time_s, end_s, side="right")
+        base_s = time_s[first:last]
+        columns = [np.interp(base_s, *curve) for curve in measured]
+        for label in self._labels(quantity, simulated=True):
+            signal = quantity.signals[label]
+            columns.append(_pieced(base_s, [run[signal] for run in self._runs if signal in run]))
+        return thinned(base_s, np.stack(columns, axis=1), BINS)
 
 
-def _lines(curves: Sequence[_Curve]) -> tuple[Line, ...]:
-    """Return the lines of a plot: measured ones, then simulated ones."""
-    measured = [Line(curve.label.replace("_", " "), curve.tint) for curve in curves]
-    alone = len(curves) == 1
-    simulated = [
-        Line(
-            "simulated" if alone else f"{curve.label.replace('_', ' ')} sim",
-            GHOST_TINT if alone else curve.tint,
-            dashed=True,
-        )
-        for curve in curves
-        if any(curve.simulated_column in run.columns for run in curve.simulated)
-    ]
-    return (*measured, *simulated)
-
-
-def _sampled(curves: Sequence[_Curve], start_s: float, end_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return all lines of a plot at the times of its first measured one, between two times, s, as many as it draws."""
-    time_s = curves[0].measured.time_s
-    first, last = np.searchsorted(time_s, start_s), np.searchsorted(time_s, end_s, side="right")
-    base_s = time_s[first:last]
-    columns = [
-        curve.scale * np.interp(base_s, curve.measured.time_s, curve.measured.columns[curve.column]) for curve in curves
-    ]
-    for curve in curves:
-        runs = [run for run in curve.simulated if curve.simulated_column in run.columns]
-        if runs:
-            columns.append(_pieced(base_s, runs, curve.simulated_column, curve.scale))
-    return thinned(base_s, np.stack(columns, axis=1), BINS)
-
-
-def _pieced(base_s: NDArray[np.float64], runs: Sequence[Track], column: str, scale: float) -> NDArray[np.float64]:
+def _pieced(base_s: NDArray[np.float64], runs: Sequence[Curve]) -> NDArray[np.float64]:
     """Return one simulated signal at times, not a number where no run covers them."""
     whole = np.full(len(base_s), np.nan)
-    for run in runs:
-        inside = (base_s >= run.time_s[0]) & (base_s <= run.time_s[-1])
-        whole[inside] = scale * np.interp(base_s[inside], run.time_s, run.columns[column])
+    for time_s, values in runs:
+        inside = (base_s >= time_s[0]) & (base_s <= time_s[-1])
+        whole[inside] = np.interp(base_s[inside], time_s, values)
     return whole
 
 

@@ -6,9 +6,10 @@ import bisect
 import dataclasses
 import math
 from array import array
+from collections import defaultdict
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from jammkle_common import names
 from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
-from jammkle_view.core.ankle import AnkleState
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_view.core.ankle import FORCE, RATE, AnkleState
 from jammkle_view.core.samples import (
     TAKERS,
     Base,
@@ -33,17 +35,19 @@ from jammkle_view.core.samples import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from jammkle_view.core.samples import Sample
 
-AMBIENT_PA = 101325.0
-"""What a pressure stands for no vacuum at, where no driver says more. Standard atmosphere (ISO 2533)."""
-_LEAST_VACUUM_PA = 0.1 * AMBIENT_PA
-"""From which on a channel is taken to be jammed."""
+Timed = TypeVar("Timed", JamReport, Event, Landing)
+
+IMU_SIGNALS = (*FORCE.signals.values(), *RATE.signals.values())
+
+_LEAST_VACUUM_PA = 0.1 * STANDARD_ATMOSPHERE_PA
+"""From which on a channel is taken to be jammed, where no driver says more; no vacuum is the standard atmosphere."""
 _SHORTEST_S = 1e-3
 """Duration of a bag that holds one sample."""
 
@@ -67,12 +71,46 @@ class Track:
         """Return whether a time lies between the first and the last sample."""
         return bool(len(self.time_s)) and bool(self.time_s[0] <= time_s <= self.time_s[-1])
 
+    def apart(self, names: Iterable[str]) -> dict[str, Track]:
+        """Return a track for each of some signals that it has, by name."""
+        return {name: Track(self.time_s, {name: self.columns[name]}) for name in names if name in self.columns}
+
 
 NOTHING = Track(np.zeros(0), {})
 
+Curve = tuple["NDArray[np.float64]", "NDArray[np.float64]"]
+"""Times, rising, s, and values, both of shape (n,)."""
 
-@dataclass(frozen=True)
-class Recorded:
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """What an ankle did and what its sensors read, measured or simulated. Times count from the recording's start."""
+
+    joints: Track
+    tensions_n: Track
+    readings: Mapping[str, Track]
+    """By signal, as the diagnosis names it; each track has one column of the same name."""
+    base: Track = NOTHING
+    """Of the whole robot: columns x, y, z, m, and the quaternion qw, qx, qy, qz; empty where nothing says."""
+
+    @cached_property
+    def signals(self) -> dict[str, Curve]:
+        """Everything that is compared or drawn, SI, by the names of the diagnosis."""
+        found = {name: (track.time_s, track.columns[name]) for name, track in self.readings.items()}
+        for track, what in ((self.joints, "position"), (self.tensions_n, "tension")):
+            found |= {f"{name}/{what}": (track.time_s, values) for name, values in track.columns.items()}
+        return found
+
+    def base_at(self, time_s: float) -> Base | None:
+        """Return where the robot is at a time, s; None where nothing says."""
+        at = self.base.at(time_s)
+        if not at:
+            return None
+        return Base(time_s, (at["x"], at["y"], at["z"]), (at["qw"], at["qx"], at["qy"], at["qz"]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded(Motion):
     """What a bag holds of one ankle. Times count from `start_s`."""
 
     name: str
@@ -80,18 +118,8 @@ class Recorded:
     start_s: float
     """First stamp of a measurement, s."""
     duration_s: float
-    joints: Track
-    base: Track
-    """Of the whole robot: columns x, y, z, m, and the quaternion qw, qx, qy, qz; empty where nothing says."""
     others: Mapping[str, Track]
     """Joints of the robot's other ankles, by their names below its namespace."""
-    tensions_n: Track
-    pressures_pa: Mapping[str, Track]
-    """By topic; each track has one column of the same name."""
-    forces_m_s2: Track
-    """Columns x, y, z."""
-    rates_rad_s: Track
-    """Columns x, y, z."""
     broken: Mapping[str, float]
     """When a tendon was first seen broken, s, by name."""
     extensions_m: Track
@@ -103,44 +131,32 @@ class Recorded:
 
     def state_at(self, time_s: float) -> AnkleState:
         """Return what the ankle looked like at a time, s; where no driver reported, channels are by their pressure."""
-        report = self.report_at(time_s)
+        report = _latest(self.reports, time_s)
         channels = {channel: self._by_pressure(channel, time_s) for channel in names.CHANNELS}
         return AnkleState(
             joints=self.joints.at(time_s),
             tensions_n=self.tensions_n.at(time_s),
             broken=frozenset(tendon for tendon, broken_s in self.broken.items() if broken_s <= time_s),
             channels={**channels, **(report.channels if report is not None else {})},
-            base=base_at(self.base, time_s),
+            base=self.base_at(time_s),
             extensions_m=self.extensions_m.at(time_s),
-            landing=self.landing_at(time_s),
+            landing=_latest(self.landings, time_s),
         )
 
     def _by_pressure(self, channel: str, time_s: float) -> Channel:
         topic = names.PRESSURES[channel].name
-        track = self.pressures_pa.get(topic)
-        vacuum_pa = 0.0 if track is None else AMBIENT_PA - track.at(time_s)[topic]
+        track = self.readings.get(topic)
+        vacuum_pa = 0.0 if track is None else STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
         jams = vacuum_pa > _LEAST_VACUUM_PA
         return Channel(
             ChannelState.JAMMED if jams else ChannelState.UNJAMMED, math.nan, max(vacuum_pa, 0.0), "by its pressure"
         )
 
-    def report_at(self, time_s: float) -> JamReport | None:
-        """Return what the driver said last before a time, s."""
-        place = bisect.bisect_right(self.reports, time_s, key=lambda each: each.time_s)
-        return self.reports[place - 1] if place else None
 
-    def landing_at(self, time_s: float) -> Landing | None:
-        """Return what was chosen for the latest touch-down before a time, s."""
-        place = bisect.bisect_right(self.landings, time_s, key=lambda each: each.time_s)
-        return self.landings[place - 1] if place else None
-
-
-def base_at(track: Track, time_s: float) -> Base | None:
-    """Return a place of a track like `Recorded.base` at a time, s; None of an empty one."""
-    at = track.at(time_s)
-    if not at:
-        return None
-    return Base(time_s, (at["x"], at["y"], at["z"]), (at["qw"], at["qx"], at["qy"], at["qz"]))
+def _latest(samples: Sequence[Timed], time_s: float) -> Timed | None:
+    """Return the last sample up to a time, s, of those in rising time."""
+    place = bisect.bisect_right(samples, time_s, key=lambda each: each.time_s)
+    return samples[place - 1] if place else None
 
 
 def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[float], None]) -> Recorded:
@@ -198,19 +214,16 @@ def _takers(
         for topic in names.OF_THE_WHOLE
         if topic.name in TAKERS and f"{own}/{topic.name}" not in present
     }
-    for topic, take in {**of_robot, **of_ankle}.items():
-        takers[topic] = partial(_take, collected, take)
+    for topic, make in {**of_robot, **of_ankle}.items():
+        takers[topic] = lambda message, make=make: collected.take(make(message))  # type: ignore[misc]
     return takers
 
 
-def _take(collected: _Collected, made: Callable[[Any], Sample], message: Any) -> None:
-    collected.take(made(message))
-
-
-class _Rows:
+class Rows:
     """Samples of some signals as they come, eight bytes a number: a recording may be long."""
 
     def __init__(self) -> None:
+        """Begin without a sample."""
         self.time_s = array("d")
         self._columns: dict[str, array[float]] = {}
 
@@ -238,13 +251,12 @@ class _Collected:
     """Collects samples."""
 
     def __init__(self) -> None:
-        self._joints, self._base = _Rows(), _Rows()
-        self._tensions_n, self._extensions_m = _Rows(), _Rows()
-        self._landings: list[Landing] = []
-        self._forces_m_s2, self._rates_rad_s = _Rows(), _Rows()
-        self._others: dict[str, _Rows] = {}
-        self._pressures_pa: dict[str, _Rows] = {}
+        self._joints, self._base, self._imu = Rows(), Rows(), Rows()
+        self._tensions_n, self._extensions_m = Rows(), Rows()
+        self._pressures_pa: dict[str, Rows] = defaultdict(Rows)
+        self._others: dict[str, Rows] = defaultdict(Rows)
         self._broken: dict[str, float] = {}
+        self._landings: list[Landing] = []
         self._reports: list[JamReport] = []
         self._events: list[Event] = []
         self._description = ""
@@ -253,7 +265,7 @@ class _Collected:
         """Take joints of another ankle of the robot."""
         sample = TAKERS[names.JOINT_STATES.name](message)
         if isinstance(sample, Joints):
-            self._others.setdefault(ankle, _Rows()).append(sample.time_s, sample.positions)
+            self._others[ankle].append(sample.time_s, sample.positions)
 
     def take(self, sample: Sample) -> None:
         """Take a sample of the ankle, or of its robot."""
@@ -263,13 +275,14 @@ class _Collected:
             case Joints():
                 self._joints.append(sample.time_s, sample.positions)
             case Tendons():
-                self._take_tendons(sample)
+                self._tensions_n.append(sample.time_s, sample.tensions_n)
+                self._extensions_m.append(sample.time_s, sample.extensions_m)
+                self._broken = {**dict.fromkeys(sample.broken, sample.time_s), **self._broken}
             case Pressure():
-                row = {sample.topic: sample.pressure_pa}
-                self._pressures_pa.setdefault(sample.topic, _Rows()).append(sample.time_s, row)
+                self._pressures_pa[sample.topic].append(sample.time_s, {sample.topic: sample.pressure_pa})
             case Imu():
-                self._forces_m_s2.append(sample.time_s, dict(zip("xyz", sample.specific_force_m_s2, strict=True)))
-                self._rates_rad_s.append(sample.time_s, dict(zip("xyz", sample.angular_velocity_rad_s, strict=True)))
+                values = (*sample.specific_force_m_s2, *sample.angular_velocity_rad_s)
+                self._imu.append(sample.time_s, dict(zip(IMU_SIGNALS, values, strict=True)))
             case JamReport():
                 self._reports.append(sample)
             case Event():
@@ -279,12 +292,6 @@ class _Collected:
             case Description():
                 self._description = sample.text
 
-    def _take_tendons(self, sample: Tendons) -> None:
-        self._tensions_n.append(sample.time_s, sample.tensions_n)
-        self._extensions_m.append(sample.time_s, sample.extensions_m)
-        for tendon in sample.broken:
-            self._broken.setdefault(tendon, sample.time_s)
-
     def recorded(self, name: str, namespace: str) -> Recorded:
         """Put all of it in order.
 
@@ -292,12 +299,14 @@ class _Collected:
             InputError: nothing was measured.
 
         """
-        measured = (self._joints, self._tensions_n, self._forces_m_s2, *self._pressures_pa.values())
+        measured = (self._joints, self._tensions_n, self._imu, *self._pressures_pa.values())
         times_s = [np.asarray(rows.time_s) for rows in measured if rows.time_s]
         if not times_s:
             msg = f"bag {name} holds nothing that was measured in namespace {namespace}"
             raise InputError(msg)
         start_s, end_s = min(float(each.min()) for each in times_s), max(float(each.max()) for each in times_s)
+        readings = {topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()}
+        readings |= self._imu.track(start_s).apart(IMU_SIGNALS)
         return Recorded(
             name=name,
             namespace=namespace,
@@ -307,22 +316,20 @@ class _Collected:
             base=self._base.track(start_s),
             others={ankle: rows.track(start_s) for ankle, rows in self._others.items()},
             tensions_n=self._tensions_n.track(start_s),
-            pressures_pa={topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()},
-            forces_m_s2=self._forces_m_s2.track(start_s),
-            rates_rad_s=self._rates_rad_s.track(start_s),
+            readings=readings,
             broken={tendon: time_s - start_s for tendon, time_s in self._broken.items()},
-            reports=sorted(
-                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._reports), key=_time_s
-            ),
-            events=sorted(
-                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._events), key=_time_s
-            ),
             extensions_m=self._extensions_m.track(start_s),
-            landings=sorted(
-                (dataclasses.replace(each, time_s=each.time_s - start_s) for each in self._landings), key=_time_s
-            ),
+            landings=_since(start_s, self._landings),
+            reports=_since(start_s, self._reports),
+            events=_since(start_s, self._events),
             description=self._description,
         )
+
+
+def _since(start_s: float, samples: Sequence[Timed]) -> list[Timed]:
+    """Return samples with times that count from a start, in rising time."""
+    moved = (dataclasses.replace(each, time_s=each.time_s - start_s) for each in samples)
+    return sorted(moved, key=lambda each: each.time_s)
 
 
 def _base_row(base: Base, before: Mapping[str, float] | None) -> dict[str, float]:
@@ -331,7 +338,3 @@ def _base_row(base: Base, before: Mapping[str, float] | None) -> dict[str, float
     if before is not None and sum(before[name] * value for name, value in turn.items()) < 0.0:
         turn = {name: -value for name, value in turn.items()}
     return {**dict(zip("xyz", base.position_m, strict=True)), **turn}
-
-
-def _time_s(sample: JamReport | Event | Landing) -> float:
-    return sample.time_s

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_common.bags.reading import opened
+from jammkle_common.bags.reading import namespaces_in, opened
 from jammkle_common.bags.run_sheet import read_sheet
 from jammkle_common.bags.times import BagTimes, Span, other_clock
+from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import SIM_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from jammkle_common.bags.reading import Connection
@@ -113,6 +114,32 @@ def _topic(connection: Connection, span: Span, times: BagTimes) -> TopicInfo:
         reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
         durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
     )
+
+
+def chosen_namespace(path: Path, topics: Iterable[str], namespace: str | None) -> str:
+    """Return the namespace of the ankle that is meant; None: the only one.
+
+    Raises:
+        InputError: the bag holds nothing of an ankle there, or several ankles and none is chosen.
+
+    """
+    found = namespaces_in(topics)
+    if namespace is None and len(found) == 1:
+        return found[0]
+    if namespace is None and found:
+        msg = f"bag {path} holds several namespaces ({', '.join(found)}): choose one with --namespace"
+        raise InputError(msg)
+    if namespace is None or namespace not in found:
+        where = "" if namespace is None else f" in namespace {namespace}"
+        msg = f"bag {path} holds no topic of an ankle{where}; it has: {', '.join(found) or 'none'}"
+        raise InputError(msg)
+    return namespace
+
+
+def constant_name(message: Any, value: int) -> str:
+    """Return the constant that has a value in the definition of a message, which may be the bag's own."""
+    kind = type(message)
+    return next((name for name in dir(kind) if name.isupper() and getattr(kind, name) == value), str(value))
 
 
 def info_line(info: BagInfo) -> str:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import itertools
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pyarrow as pa  # type: ignore[import-untyped]  # carries no types
 import pyarrow.csv  # type: ignore[import-untyped]  # carries no types
@@ -24,7 +23,7 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from jammkle_common.bags.reading import BagReader, Connection
@@ -37,16 +36,6 @@ _PROGRESS_MESSAGES = 5_000
 _MEASURED = tuple(topic.name for topic in TOPICS if topic.kind is TopicKind.SENSOR and "actuator" not in topic.name)
 _OURS = tuple(topic.name for topic in TOPICS)
 _APART = (DIAGNOSTICS.name, SIM_PARAMETERS.name, *(topic.name for topic in TOPICS if topic.kind is TopicKind.EVENT))
-
-
-@dataclass(frozen=True)
-class ExportRequest:
-    """What to export: a bag, into a folder, as what, and at how many rows per second (None: each topic by itself)."""
-
-    bag: Path
-    folder: Path
-    form: TableFormat
-    rate_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -68,11 +57,21 @@ class Exported:
     tables: tuple[ExportedTable, ...]
 
 
-def export(request: ExportRequest, on_progress: Callable[[float], None], stop: Callable[[], bool]) -> Exported:
+def export(
+    bag: Path,
+    folder: Path,
+    form: str,
+    rate_hz: float | None,
+    on_progress: Callable[[float], None],
+    stop: Callable[[], bool],
+) -> Exported:
     """Write the tables of a bag.
 
     Args:
-        request: What to write.
+        bag: The bag.
+        folder: Where the tables go; it must be there.
+        form: `csv` or `parquet`, which is also the end of the files' names.
+        rate_hz: Rows per second of one table of all signals; None: each topic by itself.
         on_progress: Called now and then with the share that is done, 0 to 1.
         stop: Asked now and then; True ends it.
 
@@ -80,39 +79,40 @@ def export(request: ExportRequest, on_progress: Callable[[float], None], stop: C
         What was written.
 
     Raises:
-        InputError: the bag cannot be read, or the folder not be made.
+        InputError: the bag cannot be read.
         Interrupted: it was stopped.
         OSError: a table cannot be written.
 
     """
     known: dict[str, list[str]] = {}
-    with opened(request.bag) as reader:
+    with opened(bag) as reader:
         if not reader.message_count:
-            msg = f"bag {request.bag} holds no messages"
+            msg = f"bag {bag} holds no messages"
             raise InputError(msg)
         while True:
-            export_once = _Export(request, reader, known, stop)
+
+            def begun(name: str) -> TableFile:
+                return TableFile(folder / f"{name}.{form}", known.get(name, [TIME]))
+
             try:
-                return export_once.run(on_progress)
-            except _HeadIsWrittenError as late:  # a column that came up late: the table begins anew with it
+                return _Export(reader, begun, rate_hz, stop).run(on_progress)
+            except NewColumnError as late:  # the table begins anew with it
                 known[late.table] = late.columns
-
-
-class _HeadIsWrittenError(Exception):
-    """A table needs columns that its written head lacks."""
-
-    def __init__(self, table: str, columns: list[str]) -> None:
-        super().__init__(table)
-        self.table, self.columns = table, columns
 
 
 class _Export:
     """One passage through a bag."""
 
     def __init__(
-        self, request: ExportRequest, reader: BagReader, known: Mapping[str, list[str]], stop: Callable[[], bool]
+        self,
+        reader: BagReader,
+        begun: Callable[[str], TableFile],
+        rate_hz: float | None,
+        stop: Callable[[], bool],
     ) -> None:
-        self._request, self._reader, self._known, self._stop = request, reader, known, stop
+        self._reader, self._begun, self._stop = reader, begun, stop
+        self._tables: dict[str, TableFile] = {}
+        self._topics: dict[str, list[str]] = {}
         self._times = BagTimes(reader)
         self._wanted = [each for each in reader.connections if each.topic != CLOCK.name]
         self._names = table_names(self._wanted)
@@ -120,9 +120,7 @@ class _Export:
             each.id: RowMaker(each.topic, each.msgtype, reader.typestore.fielddefs) for each in self._wanted
         }
         self._columns: dict[tuple[int, str], str] = {}
-        self._grid = None if request.rate_hz is None else TimeGrid(request.rate_hz)
-        self._tables: dict[str, TableFile] = {}
-        self._topics: dict[str, list[str]] = {}
+        self._grid = None if rate_hz is None else TimeGrid(rate_hz)
         self._broken: Counter[str] = Counter()
         self._start_ns: int | None = None
 
@@ -141,7 +139,14 @@ class _Export:
             for table in self._tables.values():
                 table.abandon()
         self._say_what_is_not_in_them()
-        return self._exported()
+        return Exported(
+            bag=str(self._reader.path),
+            start_s=(self._start_ns or 0) / NANOSECONDS_PER_SECOND,
+            tables=tuple(
+                ExportedTable(table.path.name, tuple(self._topics[name]), tuple(table.columns), table.rows)
+                for name, table in sorted(self._tables.items())
+            ),
+        )
 
     def _end_if_asked_to(self) -> None:
         if self._stop():
@@ -158,16 +163,18 @@ class _Export:
             self._broken[topic] += 1
             return
         if self._grid is not None and self._times.rewound:
-            msg = f"bag {self._request.bag} cannot be put on one time base: {self._times.rewound}; leave --rate-hz out"
+            msg = f"bag {self._reader.path} cannot be put on one time base: {self._times.rewound}; leave --rate-hz out"
             raise InputError(msg)
         for row in self._makers[connection.id].rows(message):
-            if self._grid is None or topic.endswith(_APART):
-                self._write(self._names[connection.id], topic, {TIME: since_ns / NANOSECONDS_PER_SECOND, **row})
+            apart = self._grid is None or topic.endswith(_APART)
+            name = self._names[connection.id] if apart else RUN
+            topics = self._topics.setdefault(name, [])
+            if topic not in topics:
+                topics.append(topic)
+            if self._grid is None or apart:
+                self._write(name, {TIME: since_ns / NANOSECONDS_PER_SECOND, **row})
                 continue
             is_measured = topic.endswith(_MEASURED)
-            self._topics.setdefault(RUN, [])
-            if topic not in self._topics[RUN]:
-                self._topics[RUN].append(topic)
             for column, value in row.items():
                 name = self._column(connection, column)
                 self._grid.add(since_ns, name, value, is_measured=is_measured and isinstance(value, float))
@@ -184,38 +191,21 @@ class _Export:
 
     def _say_what_is_not_in_them(self) -> None:
         for topic, count in self._broken.items():
-            note(f"bag {self._request.bag}: {count} messages of {topic} cannot be decoded and are left out")
+            note(f"bag {self._reader.path}: {count} messages of {topic} cannot be decoded and are left out")
         for begin_ns, end_ns in () if self._grid is None else self._grid.holes:
             begin_s, end_s = begin_ns / NANOSECONDS_PER_SECOND, end_ns / NANOSECONDS_PER_SECOND
-            note(f"bag {self._request.bag} holds nothing from {begin_s:.3f} to {end_s:.3f} s: there are no rows of it")
+            note(f"bag {self._reader.path} holds nothing from {begin_s:.3f} to {end_s:.3f} s: there are no rows of it")
 
     def _write_run(self, rows: Iterator[dict[str, Any]]) -> None:
         for number, row in enumerate(rows, 1):
-            self._write(RUN, "", row)
+            self._write(RUN, row)
             if number % _PROGRESS_MESSAGES == 0:
                 self._end_if_asked_to()
 
-    def _write(self, name: str, topic: str, row: dict[str, Any]) -> None:
-        table = self._tables.get(name)
-        if table is None:
-            path = self._request.folder / f"{name}.{self._request.form.value}"
-            table = self._tables[name] = TableFile(path, self._request.form, self._known.get(name, [TIME]))
-            if topic:
-                self._topics[name] = [topic]
-        try:
-            table.add(row)
-        except NewColumnError as error:
-            raise _HeadIsWrittenError(name, error.columns) from error
-
-    def _exported(self) -> Exported:
-        return Exported(
-            bag=str(self._request.bag),
-            start_s=(self._start_ns or 0) / NANOSECONDS_PER_SECOND,
-            tables=tuple(
-                ExportedTable(table.path.name, tuple(self._topics[name]), tuple(table.columns), table.rows)
-                for name, table in sorted(self._tables.items())
-            ),
-        )
+    def _write(self, name: str, row: dict[str, Any]) -> None:
+        if name not in self._tables:
+            self._tables[name] = self._begun(name)
+        self._tables[name].add(row)
 
 
 def table_names(connections: Sequence[Connection]) -> dict[int, str]:
@@ -242,53 +232,34 @@ PART_ROWS = 16_384
 """Rows that are held before they are written."""
 
 
-class TableFormat(enum.Enum):
-    """What a table is written as; the value is the end of its file's name."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-
-
-class _Writer(Protocol):
-    def write_table(self, table: Any) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class NewColumnError(Exception):
-    """A column came up after the head of the table was written; `columns` are all that are known now."""
+    """A column came up after the head of a table was written; `columns` are all that are known now."""
 
-    def __init__(self, columns: list[str]) -> None:
-        """Keep the columns."""
-        super().__init__(", ".join(columns))
-        self.columns = columns
+    def __init__(self, table: str, columns: list[str]) -> None:
+        """Keep the name of the table, and its columns."""
+        super().__init__(table, columns)
+        self.table, self.columns = table, columns
 
 
 class TableFile:
     """One table that is being written. Columns are those of the rows before the first part is written."""
 
-    def __init__(self, path: Path, form: TableFormat, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
         """Begin a table; the file is made with its first part.
 
         Args:
-            path: The file; written over.
-            form: As what.
+            path: The file, CSV or Parquet by its suffix; written over.
             columns: Known by now, in order.
 
         """
         self.path = path
         self.rows = 0
-        self._form = form
-        self._columns = {name: place for place, name in enumerate(columns)}
+        self.columns = dict.fromkeys(columns)
+        """Names, in order."""
         self._held: list[dict[str, Any]] = []
         self._schema: Any = None
-        self._writer: _Writer | None = None
+        self._writer: Any = None
         self._file: BinaryIO | None = None
-
-    @property
-    def columns(self) -> list[str]:
-        """Names of the columns, in order."""
-        return list(self._columns)
 
     def add(self, row: dict[str, Any]) -> None:
         """Take a row; what it lacks is empty.
@@ -298,10 +269,10 @@ class TableFile:
             OSError: it cannot be written.
 
         """
-        if not row.keys() <= self._columns.keys():
-            self._columns.update({name: len(self._columns) for name in row if name not in self._columns})
+        if not row.keys() <= self.columns.keys():
+            self.columns |= dict.fromkeys(row)
             if self._schema is not None:
-                raise NewColumnError(self.columns)
+                raise NewColumnError(self.path.stem, list(self.columns))
         self._held.append(row)
         if len(self._held) >= PART_ROWS:
             self._write()
@@ -331,32 +302,22 @@ class TableFile:
 
     def _write(self) -> None:
         if self._schema is None:
-            arrays = [pa.array([row.get(name) for row in self._held]) for name in self._columns]
+            arrays = [pa.array([row.get(name) for row in self._held]) for name in self.columns]
             self._schema = pa.schema(
                 [
                     pa.field(name, pa.float64() if pa.types.is_null(array.type) else array.type)
-                    for name, array in zip(self._columns, arrays, strict=True)
+                    for name, array in zip(self.columns, arrays, strict=True)
                 ]
             )
-            self._writer = self._opened()
-        table = pa.table(
-            [pa.array([row.get(field.name) for row in self._held], field.type) for field in self._schema],
-            schema=self._schema,
-        )
-        if self._writer is not None:
-            self._writer.write_table(table)
+            self._file = self.path.open("wb")  # Arrow takes no name whose bytes are none in UTF-8
+            if self.path.suffix == ".parquet":
+                self._writer = pyarrow.parquet.ParquetWriter(self._file, self._schema, compression="zstd")
+            else:
+                options = pyarrow.csv.WriteOptions(quoting_style="needed")
+                self._writer = pyarrow.csv.CSVWriter(self._file, self._schema, write_options=options)
+        self._writer.write_table(pa.Table.from_pylist(self._held, schema=self._schema))
         self.rows += len(self._held)
         self._held.clear()
-
-    def _opened(self) -> _Writer:
-        self._file = self.path.open("wb")  # Arrow takes no name whose bytes are none in UTF-8
-        if self._form is TableFormat.PARQUET:
-            writer: _Writer = pyarrow.parquet.ParquetWriter(self._file, self._schema, compression="zstd")
-            return writer
-        written: _Writer = pyarrow.csv.CSVWriter(
-            self._file, self._schema, write_options=pyarrow.csv.WriteOptions(quoting_style="needed")
-        )
-        return written
 
 
 LATENESS_NS = 2 * NANOSECONDS_PER_SECOND

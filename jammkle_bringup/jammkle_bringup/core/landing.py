@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_common.bags.reading import namespaces_in, opened
+from jammkle_bringup.core.bag_info import chosen_namespace, constant_name
+from jammkle_common.bags.reading import opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
@@ -31,7 +35,6 @@ from jammkle_common.names import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 REACHED_FRACTION = 0.95
@@ -44,6 +47,135 @@ cell has (SensorParameters of jammkle_sim). Chosen."""
 PEAK_DEFINITION = (
     f"largest linear_acceleration.z of the IMU minus {STANDARD_GRAVITY_M_S2} m/s^2 (net, upward) from touch-down on"
 )
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values over time: `time_s` of shape (n,), s after the start of the bag, increasing; `values` of shape (n,)."""
+
+    time_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Event:
+    """A contact event. Its time is the stamp of the sample that decided, s after the start of the bag."""
+
+    time_s: float
+    name: str
+    detection_delay_s: float
+
+
+@dataclass(frozen=True)
+class RunSeries:
+    """Everything a summary or a picture needs of one ankle; what the bag does not hold is missing from the mappings.
+
+    Pressures are absolute, Pa; commanded vacuum is gauge, positive, Pa; heights m; specific force m/s^2; tension N.
+    """
+
+    namespace: str
+    duration_s: float
+    imu_z: Series | None
+    load_cell_z: Series | None
+    carriage: Series | None
+    manifold_pressure: Series | None
+    pressures: dict[str, Series]
+    solenoids: dict[str, Series]
+    commanded_vacuum: dict[str, Series]
+    tensions: dict[str, Series]
+    events: tuple[Event, ...]
+
+
+def read_run(path: Path, namespace: str | None = None) -> RunSeries:
+    """Read a bag.
+
+    Args:
+        path: The bag.
+        namespace: Normalised namespace; None takes the only one that is there.
+
+    Raises:
+        InputError: unreadable, empty, no topic of an ankle, or several ankles and no namespace.
+
+    """
+    samples: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    events, end_s = [], 0.0
+    with opened(path) as reader:
+        if not reader.message_count:
+            msg = f"bag {path} holds no messages"
+            raise InputError(msg)
+        namespace = chosen_namespace(path, reader.topics, namespace)
+        topics = {resolved(namespace, name): name for name in (CONTACT_EVENTS.name, *_VALUES)}
+        times = BagTimes(reader)
+        for connection, time_ns, _, data in times.messages(reader.on(topics)):
+            time_s, name = (time_ns - times.start_ns) / NANOSECONDS_PER_SECOND, topics[connection.topic]
+            message: Any = reader.deserialize(data, connection.msgtype)
+            if name == CONTACT_EVENTS.name:
+                what = constant_name(message, int(message.type))
+                events.append(Event(time_s, what, float(message.detection_delay_s)))
+            else:
+                for key, value in _VALUES[name](message):
+                    samples[key].append((time_s, value))
+            end_s = max(end_s, time_s)
+    series = {key: _series(found) for key, found in samples.items()}
+
+    def of_each(what: str, names: tuple[str, ...]) -> dict[str, Series]:
+        return {name: series[f"{what} {name}"] for name in names if f"{what} {name}" in series}
+
+    return RunSeries(
+        namespace=namespace,
+        duration_s=end_s,
+        imu_z=series.get("imu"),
+        load_cell_z=series.get("load cell"),
+        carriage=series.get("carriage"),
+        manifold_pressure=series.get("pressure manifold"),
+        pressures=of_each("pressure", CHANNELS),
+        solenoids=of_each("solenoid", CHANNELS),
+        # jam_state says what the driver took as its command; without it, the controller's request is the next best
+        commanded_vacuum={**of_each("command", CHANNELS), **of_each("state", CHANNELS)},
+        tensions=of_each("tension", TENDONS),
+        events=tuple(sorted(events, key=lambda event: event.time_s)),
+    )
+
+
+def _series(samples: list[tuple[float, float]]) -> Series:
+    table = np.array(samples, dtype=np.float64)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    return Series(table[:, 0], table[:, 1])
+
+
+Values = Iterable[tuple[str, float]]
+
+
+def _of_joints(message: Any) -> Values:
+    names = list(message.name)
+    if CARRIAGE_JOINT in names and len(message.position) == len(names):
+        yield "carriage", float(message.position[names.index(CARRIAGE_JOINT)])
+
+
+def _of_pressure(place: str, message: Any) -> Values:
+    yield f"pressure {place}", message.fluid_pressure
+
+
+def _of_data(key: str, message: Any) -> Values:
+    yield key, float(message.data)
+
+
+_VALUES: dict[str, Callable[[Any], Values]] = {
+    IMU.name: lambda message: [("imu", message.linear_acceleration.z)],
+    LOAD_CELL.name: lambda message: [("load cell", message.wrench.force.z)],
+    JOINT_STATES.name: _of_joints,
+    TENDON_STATES.name: lambda message: ((f"tension {each.name}", each.tension_n) for each in message.tendons),
+    JAM_STATE.name: lambda message: ((f"state {each.channel}", each.commanded_vacuum_pa) for each in message.channels),
+    JAM_COMMAND.name: lambda message: ((f"command {each.channel}", each.vacuum_pa) for each in message.channels),
+    MANIFOLD_PRESSURE.name: partial(_of_pressure, "manifold"),
+    **{topic.name: partial(_of_pressure, channel) for channel, topic in PRESSURES.items()},
+    **{topic.name: partial(_of_data, f"solenoid {channel}") for channel, topic in SOLENOIDS.items()},
+    PUMP_DUTY.name: partial(_of_data, "duty"),  # for the duration alone
+}
+"""What is taken of the messages of a topic: series and value."""
 
 
 @dataclass(frozen=True)
@@ -96,16 +228,6 @@ class RunSummary:
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
         return {**asdict(self), "peak_deceleration_definition": PEAK_DEFINITION}
-
-
-def summarise(path: Path, namespace: str | None = None) -> RunSummary:
-    """Read a bag and say what happened.
-
-    Raises:
-        InputError: the bag cannot be read, or holds nothing of an ankle.
-
-    """
-    return summary_of(read_run(path, namespace), str(path))
 
 
 def summary_of(run: RunSeries, bag: str) -> RunSummary:
@@ -203,202 +325,3 @@ def _first_time(series: Series, condition: np.ndarray[Any, np.dtype[np.bool_]]) 
     """Return the time of the first sample that meets a condition."""
     where = np.flatnonzero(condition)
     return float(series.time_s[where[0]]) if len(where) else None
-
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Series:
-    """Values over time: `time_s` of shape (n,), s after the start of the bag, increasing; `values` of shape (n,)."""
-
-    time_s: Array
-    values: Array
-
-    def __len__(self) -> int:
-        """Return the number of samples."""
-        return len(self.time_s)
-
-
-@dataclass(frozen=True)
-class Event:
-    """A contact event: stamp of the sample that decided, s after the start of the bag, its name and its sizes."""
-
-    time_s: float
-    name: str
-    magnitude: float
-    unit: str
-    detection_delay_s: float
-
-
-@dataclass(frozen=True)
-class RunSeries:
-    """Everything a summary or a picture needs of one ankle; what the bag does not hold is missing from the mappings.
-
-    Pressures are absolute, Pa; commanded vacuum is gauge, positive, Pa; heights m; specific force m/s^2; tension N.
-    """
-
-    namespace: str
-    duration_s: float
-    imu_z: Series | None = None
-    load_cell_z: Series | None = None
-    carriage: Series | None = None
-    manifold_pressure: Series | None = None
-    pump_duty: Series | None = None
-    pressures: dict[str, Series] = field(default_factory=dict)
-    solenoids: dict[str, Series] = field(default_factory=dict)
-    commanded_vacuum: dict[str, Series] = field(default_factory=dict)
-    tensions: dict[str, Series] = field(default_factory=dict)
-    events: tuple[Event, ...] = ()
-
-
-def read_run(path: Path, namespace: str | None = None) -> RunSeries:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        namespace: Normalised namespace; None takes the only one that is there.
-
-    Raises:
-        InputError: unreadable, empty, no topic of an ankle, or several ankles and no namespace.
-
-    """
-    with opened(path) as reader:
-        if not reader.message_count:
-            msg = f"bag {path} holds no messages"
-            raise InputError(msg)
-        found = namespaces_in(set(reader.topics))
-        if namespace is None:
-            if len(found) > 1:
-                msg = f"bag {path} holds several namespaces ({', '.join(found)}): choose one with --namespace"
-                raise InputError(msg)
-            namespace = found[0] if found else "/"
-        if namespace not in found:
-            msg = (
-                f"bag {path} holds no topic of an ankle in namespace {namespace}; it has: {', '.join(found) or 'none'}"
-            )
-            raise InputError(msg)
-        times = BagTimes(reader)
-        collector, end_ns = _Collector(namespace, times.start_ns), times.start_ns
-        for connection, time_ns, _, data in times.messages(reader.on(collector.takers)):
-            message: Any = reader.deserialize(data, connection.msgtype)
-            collector.takers[connection.topic](message, time_ns)
-            end_ns = max(end_ns, time_ns)
-        return collector.run((end_ns - times.start_ns) / NANOSECONDS_PER_SECOND)
-
-
-class _Collector:
-    """Collects samples by topic, then sorts them into series."""
-
-    def __init__(self, namespace: str, start_ns: int) -> None:
-        self._namespace = namespace
-        self._start_ns = start_ns
-        self._samples: dict[str, list[tuple[float, float]]] = {}
-        self._events: list[Event] = []
-        self.takers: dict[str, Callable[[Any, int], None]] = {
-            resolved(namespace, IMU.name): self._take_imu,
-            resolved(namespace, LOAD_CELL.name): self._take_load_cell,
-            resolved(namespace, JOINT_STATES.name): self._take_joints,
-            resolved(namespace, MANIFOLD_PRESSURE.name): self._pressure_taker("manifold"),
-            resolved(namespace, PUMP_DUTY.name): self._data_taker("duty"),
-            resolved(namespace, TENDON_STATES.name): self._take_tendons,
-            resolved(namespace, JAM_STATE.name): self._take_jam_state,
-            resolved(namespace, JAM_COMMAND.name): self._take_jam_command,
-            resolved(namespace, CONTACT_EVENTS.name): self._take_event,
-        }
-        for channel in CHANNELS:
-            self.takers[resolved(namespace, PRESSURES[channel].name)] = self._pressure_taker(f"pressure {channel}")
-            self.takers[resolved(namespace, SOLENOIDS[channel].name)] = self._data_taker(f"solenoid {channel}")
-
-    def run(self, duration_s: float) -> RunSeries:
-        """Return the series."""
-        # jam_state says what the driver took as its command; without it, the controller's request is the next best.
-        commanded = {
-            channel: self._series(f"state {channel}") or self._series(f"command {channel}") for channel in CHANNELS
-        }
-        return RunSeries(
-            namespace=self._namespace,
-            duration_s=duration_s,
-            imu_z=self._series("imu"),
-            load_cell_z=self._series("load cell"),
-            carriage=self._series("carriage"),
-            manifold_pressure=self._series("manifold"),
-            pump_duty=self._series("duty"),
-            pressures=self._present({channel: f"pressure {channel}" for channel in CHANNELS}),
-            solenoids=self._present({channel: f"solenoid {channel}" for channel in CHANNELS}),
-            commanded_vacuum={channel: series for channel, series in commanded.items() if series is not None},
-            tensions=self._present({tendon: f"tension {tendon}" for tendon in TENDONS}),
-            events=tuple(sorted(self._events, key=lambda event: event.time_s)),
-        )
-
-    def _present(self, keys: dict[str, str]) -> dict[str, Series]:
-        found = {name: self._series(key) for name, key in keys.items()}
-        return {name: series for name, series in found.items() if series is not None}
-
-    def _series(self, key: str) -> Series | None:
-        samples = self._samples.get(key)
-        if not samples:
-            return None
-        table = np.array(samples, dtype=np.float64)
-        table = table[np.argsort(table[:, 0], kind="stable")]
-        return Series(table[:, 0], table[:, 1])
-
-    def _add(self, key: str, time_s: float, value: float) -> None:
-        self._samples.setdefault(key, []).append((time_s, value))
-
-    def _time_s(self, time_ns: int) -> float:
-        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND
-
-    def _take_imu(self, message: Any, time_ns: int) -> None:
-        self._add("imu", self._time_s(time_ns), message.linear_acceleration.z)
-
-    def _take_load_cell(self, message: Any, time_ns: int) -> None:
-        self._add("load cell", self._time_s(time_ns), message.wrench.force.z)
-
-    def _take_joints(self, message: Any, time_ns: int) -> None:
-        names = list(message.name)
-        if CARRIAGE_JOINT in names and len(message.position) == len(names):
-            position = message.position[names.index(CARRIAGE_JOINT)]
-            self._add("carriage", self._time_s(time_ns), float(position))
-
-    def _take_tendons(self, message: Any, time_ns: int) -> None:
-        for tendon in message.tendons:
-            self._add(f"tension {tendon.name}", self._time_s(time_ns), tendon.tension_n)
-
-    def _take_jam_state(self, message: Any, time_ns: int) -> None:
-        for channel in message.channels:
-            time_s = self._time_s(time_ns)
-            self._add(f"state {channel.channel}", time_s, channel.commanded_vacuum_pa)
-
-    def _take_jam_command(self, message: Any, time_ns: int) -> None:
-        for channel in message.channels:
-            self._add(f"command {channel.channel}", self._time_s(time_ns), channel.vacuum_pa)
-
-    def _take_event(self, message: Any, time_ns: int) -> None:
-        self._events.append(
-            Event(
-                self._time_s(time_ns),
-                _constant_name(message, int(message.type)) or f"event {message.type}",
-                float(message.magnitude),
-                str(message.unit),
-                float(message.detection_delay_s),
-            )
-        )
-
-    def _pressure_taker(self, key: str) -> Callable[[Any, int], None]:
-        def take(message: Any, time_ns: int) -> None:
-            self._add(key, self._time_s(time_ns), message.fluid_pressure)
-
-        return take
-
-    def _data_taker(self, key: str) -> Callable[[Any, int], None]:
-        def take(message: Any, time_ns: int) -> None:
-            self._add(key, self._time_s(time_ns), float(message.data))
-
-        return take
-
-
-def _constant_name(message: Any, value: int) -> str:
-    """Return the name that the definition in the bag gives a value, or nothing."""
-    kind = type(message)
-    return next((name for name in dir(kind) if name.isupper() and getattr(kind, name) == value), "")

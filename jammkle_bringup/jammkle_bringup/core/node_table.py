@@ -10,6 +10,7 @@ import enum
 import importlib
 import re
 import sys
+import textwrap
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -59,26 +60,26 @@ class NodeEntry:
 
     Attributes:
         package: The ROS package.
-        executable: Name for `ros2 run` and launch files.
         name: Name on the graph, inside the namespace.
         parameter_table: `module:Class` of the node's parameters.
-        simulates: True if the node is the simulated hardware, and so only started with it.
         follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
-        module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
-        within: Namespace below the graph's own: that of the node's ankle, where there are several.
+        simulates: True if the node is the simulated hardware, and so only started with it.
         looks_on: True if the ankle is the same without the node, so that its death stops nothing.
+        module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
+        executable: Name for `ros2 run` and launch files; empty: that on the graph.
+        within: Namespace below the graph's own: that of the node's ankle, where there are several.
 
     """
 
     package: str
-    executable: str
     name: str
     parameter_table: str
-    follows_simulated_time: bool
+    follows_simulated_time: bool = False
     simulates: bool = False
-    module: str = ""
-    within: str = ""
     looks_on: bool = False
+    module: str = ""
+    executable: str = ""
+    within: str = ""
 
     @property
     def path(self) -> str:
@@ -93,39 +94,24 @@ class NodeEntry:
 
 
 NODES: tuple[NodeEntry, ...] = (
+    NodeEntry("jammkle_sim", SIM_NODE, "jammkle_sim.parameters:SimParameters", simulates=True),
     NodeEntry(
-        package="jammkle_sim",
-        executable="sim",
-        name=SIM_NODE,
-        parameter_table="jammkle_sim.parameters:SimParameters",
-        follows_simulated_time=False,
-        simulates=True,
-    ),
-    NodeEntry(
-        package="jammkle_controller",
-        executable="controller",
-        name=CONTROLLER_NODE,
-        parameter_table="jammkle_controller.parameters:ControllerParameters",
+        "jammkle_controller",
+        CONTROLLER_NODE,
+        "jammkle_controller.parameters:ControllerParameters",
         follows_simulated_time=True,
     ),
-    NodeEntry(
-        package="jammkle_driver",
-        executable="driver",
-        name=DRIVER_NODE,
-        parameter_table="jammkle_driver.parameters:DriverParameters",
-        follows_simulated_time=True,
-    ),
+    NodeEntry("jammkle_driver", DRIVER_NODE, "jammkle_driver.parameters:DriverParameters", follows_simulated_time=True),
 )
 """In the order in which they start; they stop in the reverse order, so that the simulation sees the release."""
 
 ROBOT_SIM = NodeEntry(
-    package="jammkle_sim",
-    executable="robot",
-    name=SIM_NODE,
-    parameter_table="jammkle_sim.parameters:RobotParameters",
-    follows_simulated_time=False,
+    "jammkle_sim",
+    SIM_NODE,
+    "jammkle_sim.parameters:RobotParameters",
     simulates=True,
     module="jammkle_sim.robot",
+    executable="robot",
 )
 """The simulation of a leg or a quadruped: one for all of its ankles."""
 
@@ -145,43 +131,32 @@ ROBOT_VALUES: dict[str, dict[str, ParameterValue]] = {
 """What fits our robots as they stand better than the default of a node."""
 
 GAP_MONITOR = NodeEntry(
-    package="jammkle_gap",
-    executable="gap_monitor",
-    name=GAP_MONITOR_NODE,
-    parameter_table="jammkle_gap.monitor.parameters:GapMonitorParameters",
+    "jammkle_gap",
+    GAP_MONITOR_NODE,
+    "jammkle_gap.monitor.parameters:GapMonitorParameters",
     follows_simulated_time=True,
-    module="jammkle_gap.monitor",
     looks_on=True,
+    module="jammkle_gap.monitor",
 )
 """Looks on, and is started where it is asked for."""
 
-VIEWER = NodeEntry(
-    package="jammkle_view",
-    executable="viewer",
-    name=VIEWER_NODE,
-    parameter_table="jammkle_view.parameters:ViewerParameters",
-    follows_simulated_time=False,
-    looks_on=True,
-)
+VIEWER = NodeEntry("jammkle_view", VIEWER_NODE, "jammkle_view.parameters:ViewerParameters", looks_on=True)
 """The page in the browser; looks on as well, and hands on what is clicked."""
 
 FOXGLOVE = NodeEntry(
-    package="jammkle_view",
-    executable="foxglove",
-    name=FOXGLOVE_NODE,
-    parameter_table="jammkle_view.parameters:FoxgloveParameters",
+    "jammkle_view",
+    FOXGLOVE_NODE,
+    "jammkle_view.parameters:FoxgloveParameters",
     follows_simulated_time=True,
-    module="jammkle_view.foxglove",
     looks_on=True,
+    module="jammkle_view.foxglove",
 )
 """The live connection for the Foxglove app; looks on."""
 
 ROBOT_NAMES = NodeEntry(
-    package="jammkle_bringup",
-    executable="robot_names",
-    name=ROBOT_NAMES_NODE,
-    parameter_table="jammkle_bringup.robot_names:RobotNamesParameters",
-    follows_simulated_time=False,
+    "jammkle_bringup",
+    ROBOT_NAMES_NODE,
+    "jammkle_bringup.robot_names:RobotNamesParameters",
     module="jammkle_bringup.robot_names",
 )
 """Joints by the robot's names, one for each ankle, where its `joints` are given."""
@@ -223,11 +198,7 @@ def robot_names_for(
 
     """
     each = (replace(ROBOT_NAMES, within=ankle) for ankle in robot.ankles)
-    return tuple(
-        entry
-        for entry in each
-        if {**merged_values(paths, namespace, entry), **values_of(values or {}, entry)}.get("joints")
-    )
+    return tuple(entry for entry in each if merged_values(paths, namespace, entry, values).get("joints"))
 
 
 def simulated_time(entry: NodeEntry, hardware: str) -> bool:
@@ -273,7 +244,9 @@ Value = TypeVar("Value")
 
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
-_WIDTH = 118
+_COMMENT = textwrap.TextWrapper(
+    119, initial_indent="    # ", subsequent_indent="    # ", break_long_words=False, break_on_hyphens=False
+)
 
 
 class _RosLoader(yaml.SafeLoader):
@@ -307,7 +280,7 @@ def check_parameter_files(
     for path in paths:
         _check_sections(path, namespace, nodes)
     for entry in nodes:
-        merged = {**merged_values(paths, namespace, entry), **values_of(values or {}, entry)}
+        merged = merged_values(paths, namespace, entry, values)
         try:
             from_mapping(entry.parameters(), of_table(merged))
         except ParameterError as error:
@@ -363,8 +336,13 @@ def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
     return name, value
 
 
-def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> dict[str, object]:
-    """Return what files say of a node, by parameter; the last section that fits wins.
+def merged_values(
+    paths: Sequence[Path],
+    namespace: str,
+    entry: NodeEntry,
+    values: Mapping[str, Mapping[str, object]] | None = None,
+) -> dict[str, object]:
+    """Return what is said of a node, by parameter: by files, of which the last section that fits wins, then by values.
 
     Raises:
         InputError: a file cannot be read.
@@ -373,10 +351,10 @@ def merged_values(paths: Sequence[Path], namespace: str, entry: NodeEntry) -> di
     full_name = resolved(namespace, entry.path)
     merged: dict[str, object] = {}
     for path in paths:
-        for pattern, values in _read_sections(path):
+        for pattern, found in _read_sections(path):
             if _matches(pattern, full_name):
-                merged.update(values)
-    return merged
+                merged.update(found)
+    return {**merged, **values_of(values or {}, entry)}
 
 
 def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping[str, object]] | None = None) -> str:
@@ -396,7 +374,7 @@ def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping
         for row in rows(entry.parameters()):
             about = row.description if not row.unit else f"{row.description} [{row.unit}]"
             limits = f" ({row.range_text})" if row.range_text else ""
-            lines += [f"    # {part}" for part in _wrapped(about + limits)]
+            lines += _COMMENT.wrap(about + limits)
             lines.append(f"    {row.name}: {_scalar((values or {}).get(entry.name, {}).get(row.name, row.default))}")
     return "\n".join(lines) + "\n"
 
@@ -406,20 +384,8 @@ def _scalar(value: object) -> str:
     return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
 
 
-def _wrapped(text: str) -> list[str]:
-    lines = [""]
-    for word in text.split():
-        if len(lines[-1]) + len(word) > _WIDTH - len("    # "):
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return lines
-
-
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
-    return list(_sections(_read(path), path))
-
-
-def _read(path: Path) -> Mapping[str, object]:
+    """Return patterns of node names and their parameters, as they stand in a file."""
     try:
         document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
     except OSError as error:
@@ -431,7 +397,7 @@ def _read(path: Path) -> Mapping[str, object]:
     if not isinstance(document, dict):
         msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
         raise InputError(msg)
-    return document
+    return list(_sections(document, path))
 
 
 def _sections(document: Mapping[str, object], path: Path, prefix: str = "") -> Iterator[tuple[str, dict[str, object]]]:

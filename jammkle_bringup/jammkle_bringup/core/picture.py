@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from jammkle_bringup.core.landing import (
-    REACHED_FRACTION,
-    vacuum_pa,
-)
+from jammkle_bringup.core.landing import REACHED_FRACTION, Series, vacuum_pa
 from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS
-from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,7 +17,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from jammkle_bringup.core.landing import RunSeries, RunSummary, Series
+    from jammkle_bringup.core.landing import Array, RunSeries, RunSummary
 
 _PA_PER_KPA = 1e3
 _MM_PER_M = 1e3
@@ -36,6 +33,7 @@ _LARGEST_RING = 13
 _RING_STEP = 4
 _DASHES = (4, 8)
 _DASH_OFFSET = 6
+_SHOCK_LABEL = "IMU z - g\n[m/s²]"
 _MARK_COLOURS = {"touch-down": "#444444", "detected": EVENT_COLOURS["IMPACT"]}
 
 
@@ -47,18 +45,19 @@ def draw(run: RunSeries, summary: RunSummary, path: Path) -> None:
 
     """
     whole: list[Callable[[Axes], None]] = []
-    if run.carriage is not None:
-        whole.append(lambda axes: _height(axes, run))
-    if run.imu_z is not None:
-        whole.append(lambda axes: _shock(axes, run))
+    height, shock = run.carriage, _net_shock(run)
+    if height is not None:
+        whole.append(lambda axes: _line(axes, height.time_s, height.values * _MM_PER_M, "height of\nankle [mm]"))
+    if shock is not None:
+        whole.append(lambda axes: _line(axes, shock.time_s, shock.values, _SHOCK_LABEL, linewidth=0.8))
     if run.pressures:
         whole.append(lambda axes: _vacuum(axes, run, summary))
     if run.solenoids:
         whole.append(lambda axes: _solenoids(axes, run))
     if run.tensions:
         whole.append(lambda axes: _tension(axes, run))
-    zoomed = run.imu_z is not None and summary.touch_down_s is not None
-    count = max(1, len(whole)) + zoomed
+    zoomed = shock if summary.touch_down_s is not None else None
+    count = max(1, len(whole)) + (zoomed is not None)
     mpl.rcParams["axes.spines.top"] = mpl.rcParams["axes.spines.right"] = False
     figure = Figure(figsize=(_WIDTH_IN, 1.0 + _PANEL_HEIGHT_IN * count), layout="constrained")
     axes: list[Axes] = []
@@ -70,9 +69,9 @@ def draw(run: RunSeries, summary: RunSummary, path: Path) -> None:
         above.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time since the start of the bag [s]")
     axes[-1].set_xlim(*_window(run, summary))
-    if zoomed:
+    if zoomed is not None and summary.touch_down_s is not None:
         axes.append(figure.add_subplot(count, 1, count))
-        _zoom(axes[-1], run, summary)
+        _zoom(axes[-1], zoomed, summary, summary.touch_down_s)
     for axis in axes:
         axis.grid(visible=True, alpha=0.25)
     axes[0].legend(loc="upper right", fontsize="small", ncols=2)
@@ -113,30 +112,27 @@ def _mark_events(axes: Axes, summary: RunSummary, factor: float = 1.0, origin_s:
             axes.axvline(at, low, high, color=colour, linewidth=0.8, alpha=0.8, zorder=1, label=name)
 
 
-def _zoom(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
+def _zoom(axes: Axes, shock: Series, summary: RunSummary, touch_down_s: float) -> None:
     """Show the shock alone, each sample a dot, over the time from touch-down."""
-    if run.imu_z is None or summary.touch_down_s is None:
-        return
-    from_touch_down_s = run.imu_z.time_s - summary.touch_down_s
+    from_touch_down_s = shock.time_s - touch_down_s
     near = (from_touch_down_s >= -_ZOOM_BEFORE_S) & (from_touch_down_s <= _ZOOM_AFTER_S)
-    net = run.imu_z.values[near] - STANDARD_GRAVITY_M_S2
-    axes.plot(from_touch_down_s[near] * _MS_PER_S, net, ".-", color="#2c3e50", linewidth=0.8, markersize=3)
-    _mark_events(axes, summary, _MS_PER_S, summary.touch_down_s)
+    style = {"linewidth": 0.8, "marker": ".", "markersize": 3}
+    _line(axes, from_touch_down_s[near] * _MS_PER_S, shock.values[near], _SHOCK_LABEL, **style)
+    _mark_events(axes, summary, _MS_PER_S, touch_down_s)
     axes.set_xlim(-_ZOOM_BEFORE_S * _MS_PER_S, _ZOOM_AFTER_S * _MS_PER_S)
     axes.set_xlabel("time from touch-down [ms]")
-    axes.set_ylabel("IMU z - g\n[m/s²]")
 
 
-def _height(axes: Axes, run: RunSeries) -> None:
-    if run.carriage is not None:
-        axes.plot(run.carriage.time_s, run.carriage.values * _MM_PER_M, color="#2c3e50")
-    axes.set_ylabel("height of\nankle [mm]")
+def _net_shock(run: RunSeries) -> Series | None:
+    """Return the reading of the IMU along z without that of standing still, m/s^2."""
+    if run.imu_z is None:
+        return None
+    return Series(run.imu_z.time_s, run.imu_z.values - STANDARD_GRAVITY_M_S2)
 
 
-def _shock(axes: Axes, run: RunSeries) -> None:
-    if run.imu_z is not None:
-        axes.plot(run.imu_z.time_s, run.imu_z.values - STANDARD_GRAVITY_M_S2, color="#2c3e50", linewidth=0.8)
-    axes.set_ylabel("IMU z - g\n[m/s²]")
+def _line(axes: Axes, times: Array, values: Array, label: str, **style: Any) -> None:
+    axes.plot(times, values, color="#2c3e50", **style)
+    axes.set_ylabel(label)
 
 
 def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
@@ -153,16 +149,10 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
             reached_kpa = REACHED_FRACTION * channel.commanded_vacuum_pa / _PA_PER_KPA
             # rings inside each other where channels reach it together
             size = _LARGEST_RING - _RING_STEP * index
-            ring: dict[str, Any] = {
-                "color": colour,
-                "markerfacecolor": "none",
-                "markersize": size,
-                "markeredgewidth": 1.5,
-                "zorder": 4,
-            }
-            axes.plot(channel.reached_s, reached_kpa, "o", **ring)
+            ring: dict[str, Any] = {"markerfacecolor": "none", "markersize": size, "markeredgewidth": 1.5, "zorder": 4}
+            axes.plot(channel.reached_s, reached_kpa, "o", color=colour, **ring)
     if run.manifold_pressure is not None:
-        ambient_pa = float(run.manifold_pressure.values[0]) if len(run.manifold_pressure) else STANDARD_ATMOSPHERE_PA
+        ambient_pa = float(run.manifold_pressure.values[0])
         vacuum_kpa = (ambient_pa - run.manifold_pressure.values) / _PA_PER_KPA
         axes.plot(
             run.manifold_pressure.time_s, vacuum_kpa, color=LINE_COLOURS["manifold"], linewidth=0.8, label="manifold"
@@ -172,18 +162,21 @@ def _vacuum(axes: Axes, run: RunSeries, summary: RunSummary) -> None:
 
 
 def _steps(axes: Axes, series: Series, end_s: float, factor: float, colour: str) -> None:
-    times = [*series.time_s, max(end_s, series.time_s[-1])]
-    values = [*series.values, series.values[-1]]
-    axes.step(times, [value * factor for value in values], where="post", color=colour, linestyle=":", linewidth=0.9)
+    times_s, values = _until(series, end_s)
+    axes.step(times_s, [value * factor for value in values], where="post", color=colour, linestyle=":", linewidth=0.9)
+
+
+def _until(series: Series, end_s: float) -> tuple[list[float], list[float]]:
+    """Return times and values of what holds until it changes, and the last until an end."""
+    return [*series.time_s, max(end_s, series.time_s[-1])], [*series.values, series.values[-1]]
 
 
 def _solenoids(axes: Axes, run: RunSeries) -> None:
     for index, (channel, series) in enumerate(run.solenoids.items()):
-        times = [*series.time_s, max(run.duration_s, series.time_s[-1])]
-        values = [*series.values, series.values[-1]]
-        low = [float(index)] * len(times)
+        times_s, values = _until(series, run.duration_s)
+        low = [float(index)] * len(times_s)
         high = [index + 0.7 * value for value in values]
-        axes.fill_between(times, low, high, step="post", color=LINE_COLOURS[channel], linewidth=0, label=channel)
+        axes.fill_between(times_s, low, high, step="post", color=LINE_COLOURS[channel], linewidth=0, label=channel)
     axes.set_yticks([index + 0.35 for index in range(len(run.solenoids))], list(run.solenoids), fontsize="small")
     axes.set_ylabel("solenoid\nenergised")
 

@@ -10,16 +10,12 @@ from __future__ import annotations
 import contextlib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from jammkle_common.bags.contents import (
-    SUFFIX,
-    metadata_of,
-    write_metadata,
-)
+from jammkle_common.bags.contents import SUFFIX, metadata_of, write_metadata
 from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import open_file
 from jammkle_common.command.errors import InputError, Interrupted
@@ -35,37 +31,6 @@ KNOWN_JOINTS: tuple[str, ...] = (*ANKLE_JOINTS, *LEG_JOINTS, CARRIAGE_JOINT)
 _WORD = re.compile(r"[^\s=,]+")
 
 
-class RenamingError(ValueError):
-    """A mapping of names that cannot be. The message is one line."""
-
-
-class JointStates(Protocol):
-    """A sensor_msgs/JointState, whoever made the class."""
-
-    name: Sequence[str]
-    position: Sequence[float]
-    velocity: Sequence[float]
-    effort: Sequence[float]
-
-
-@dataclass(frozen=True)
-class Joints:
-    """Values of some joints; an empty list where the message had none of that kind.
-
-    Attributes:
-        name: Of each joint.
-        position: rad; m for the carriage.
-        velocity: rad/s, m/s.
-        effort: N m, N.
-
-    """
-
-    name: tuple[str, ...]
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    effort: tuple[float, ...]
-
-
 @dataclass(frozen=True)
 class JointRenaming:
     """New names of joints, by the old ones, and the sign with which each counts."""
@@ -77,7 +42,7 @@ class JointRenaming:
         """Read `theirs=ours, theirs=-ours`; with the minus, theirs counts the other way round.
 
         Raises:
-            RenamingError: it has another form, a name stands twice, or ours is unknown.
+            InputError: it has another form, a name stands twice, or ours is unknown.
 
         """
         found = {
@@ -92,16 +57,19 @@ class JointRenaming:
         """The way back, with the same signs."""
         return JointRenaming({new: (old, sign) for old, (new, sign) in self.new.items()})
 
-    def renamed(self, message: JointStates) -> Joints | None:
-        """Return the joints that have a new name, in the order of the message; None if there is none."""
+    def renamed(self, message: Any) -> tuple[list[str], dict[str, list[float]]] | None:
+        """Return names and values of the joints that have a new name, in the order of a JointState; None without any.
+
+        Values are those of `position`, `velocity` and `effort`; empty where the message has none of that kind.
+        """
         kept = [(place, *self.new[name]) for place, name in enumerate(message.name) if name in self.new]
         if not kept:
             return None
-        values = (
-            tuple(sign * float(found[place]) for place, _, sign in kept) if len(found) else ()
-            for found in (message.position, message.velocity, message.effort)
-        )
-        return Joints(tuple(name for _, name, _ in kept), *values)
+        values = {}
+        for kind in ("position", "velocity", "effort"):
+            found = getattr(message, kind)
+            values[kind] = [sign * float(found[place]) for place, _, sign in kept] if len(found) else []
+        return [name for _, name, _ in kept], values
 
 
 def _pairs(text: str) -> dict[str, str]:
@@ -110,10 +78,10 @@ def _pairs(text: str) -> dict[str, str]:
         theirs, equals, ours = (each.strip() for each in part.partition("="))
         if not equals or not _WORD.fullmatch(theirs) or not _WORD.fullmatch(ours):
             msg = f"'{part}' must be theirs=ours, such as lf_foot_pitch=ankle_pitch"
-            raise RenamingError(msg)
+            raise InputError(msg)
         if theirs in found:
             msg = f"'{theirs}' stands twice: give each name once"
-            raise RenamingError(msg)
+            raise InputError(msg)
         found[theirs] = ours
     return found
 
@@ -122,70 +90,36 @@ def _check_ours(ours: Sequence[str]) -> None:
     for place, name in enumerate(ours):
         if name not in KNOWN_JOINTS:
             msg = f"'{name}' is no joint of ours: use one of {', '.join(KNOWN_JOINTS)}"
-            raise RenamingError(msg)
+            raise InputError(msg)
         if name in ours[:place]:
             msg = f"joint '{name}' would have two names: give it one"
-            raise RenamingError(msg)
+            raise InputError(msg)
 
 
 _EVERY = 1000
 """Messages between two looks at whether to stop; some milliseconds."""
 
 
-@dataclass(frozen=True)
-class RenamingRequest:
-    """What is to be renamed.
-
-    Attributes:
-        bag: The bag to read.
-        target: Folder of the new bag.
-        joints: New names of joints, in every message of joint states that holds one of them; the others are left out.
-        topics: New names of topics, absolute, by the old ones.
-
-    """
-
-    bag: Path
-    target: Path
-    joints: JointRenaming
-    topics: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class RenamedBag:
-    """What a renaming has done.
-
-    Attributes:
-        bag: The new bag.
-        messages: In it.
-        joint_messages: Of these, with other joints than before.
-        topics: New names by the old ones.
-
-    """
-
-    bag: Path
-    messages: int
-    joint_messages: int
-    topics: Mapping[str, str]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return a mapping for JSON."""
-        return {
-            "bag": str(self.bag),
-            "messages": self.messages,
-            "joint_messages": self.joint_messages,
-            "topics": dict(self.topics),
-        }
-
-
 def rename(
-    request: RenamingRequest, on_progress: Callable[[float], None], asked_to_stop: Callable[[], bool]
-) -> RenamedBag:
-    """Write the bag anew; log times, stamps, QoS and custom data stay.
+    bag: Path,
+    target: Path,
+    joints: JointRenaming,
+    topics: Mapping[str, str],
+    on_progress: Callable[[float], None],
+    asked_to_stop: Callable[[], bool],
+) -> tuple[int, int]:
+    """Write a bag anew; log times, stamps, QoS and custom data stay.
 
     Args:
-        request: What is to be renamed.
+        bag: The bag to read.
+        target: Folder of the new bag.
+        joints: New names of joints, in every message of joint states that holds one of them; others are left out.
+        topics: New names of topics, absolute, by the old ones.
         on_progress: Called with the share that is done, 0 to 1.
         asked_to_stop: Looked at between messages.
+
+    Returns:
+        How many messages the new bag has, and how many of these have other joints than before.
 
     Raises:
         InputError: the bag cannot be read, or holds nothing of what is to be renamed.
@@ -193,30 +127,42 @@ def rename(
         Interrupted: asked to stop; what is written by then is not whole.
 
     """
-    with opened(request.bag) as reader:
-        _check(reader, request)
+    with opened(bag) as reader:
+        _check(reader, topics)
         try:
-            request.target.mkdir(parents=True)
+            target.mkdir(parents=True)
         except OSError as error:
-            msg = f"bag {request.target} cannot be made: {error.strerror}"
+            msg = f"bag {target} cannot be made: {error.strerror}"
             raise InputError(msg) from error
-        path = request.target / f"{request.target.name}{SUFFIX}"
+        path = target / f"{target.name}{SUFFIX}"
+        changed, count = 0, sum(each.msgcount for each in reader.every)
         with path.open("wb") as stream:
-            changed = _write(reader, stream, request, on_progress, asked_to_stop)
-        if request.joints.new and not changed:
-            msg = f"bag {request.bag} has no joint {' or '.join(request.joints.new)} in its joint states"
+            writer = Writer(stream, compression=CompressionType.ZSTD)
+            writer.start(profile="ros2", library="jammkle")
+            targets = {each.id: _added(writer, each, topics) for each in reader.every}
+            # what cannot be decoded is written as it is
+            for number, (connection, time_ns, data) in enumerate(messages(reader, bag, reader.every)):
+                if number % _EVERY == 0:
+                    if asked_to_stop():
+                        raise Interrupted
+                    on_progress(number / count)
+                new = _renamed(reader, joints, connection, data)
+                changed += new is not None
+                writer.add_message(targets[connection.id], time_ns, data if new is None else new, time_ns)
+            writer.finish()  # type: ignore[no-untyped-call]  # of the library
+        if joints.new and not changed:
+            msg = f"bag {bag} has no joint {' or '.join(joints.new)} in its joint states"
             raise InputError(msg)
         with contextlib.closing(open_file(path)) as file:
-            write_metadata(request.target, metadata_of({path.name: file}, reader.custom_data, ""))
-        count = sum(each.msgcount for each in reader.every)
-        return RenamedBag(request.target, count, changed, dict(request.topics))
+            write_metadata(target, metadata_of({path.name: file}, reader.custom_data, ""))
+        return count, changed
 
 
 def topics_of(pairs: list[str]) -> dict[str, str]:
     """Read `/theirs=/ours` of each, absolute names.
 
     Raises:
-        RenamingError: one has another form, or a name stands twice.
+        InputError: one has another form, or a name stands twice.
 
     """
     found: dict[str, str] = {}
@@ -224,55 +170,31 @@ def topics_of(pairs: list[str]) -> dict[str, str]:
         old, equals, new = pair.partition("=")
         if not equals or not old.startswith("/") or not new.startswith("/"):
             msg = f"'{pair}' must be /theirs=/ours, such as /valves/two/pressure=/achilles/pressure"
-            raise RenamingError(msg)
+            raise InputError(msg)
         if old in found or new in found.values():
             msg = f"'{old if old in found else new}' stands twice: give each name once"
-            raise RenamingError(msg)
+            raise InputError(msg)
         found[old] = new
     return found
 
 
-def _check(reader: BagReader, request: RenamingRequest) -> None:
+def _check(reader: BagReader, topics: Mapping[str, str]) -> None:
     known = {connection.topic for connection in reader.every}
-    for old, new in request.topics.items():
+    for old, new in topics.items():
         if old not in known:
-            msg = f"bag {request.bag} has no topic {old}: it has {', '.join(sorted(known)) or 'none'}"
+            msg = f"bag {reader.path} has no topic {old}: it has {', '.join(sorted(known)) or 'none'}"
             raise InputError(msg)
-        if new in known - set(request.topics):
-            msg = f"bag {request.bag} has a topic {new} already: {old} cannot be called so"
+        if new in known - set(topics):
+            msg = f"bag {reader.path} has a topic {new} already: {old} cannot be called so"
             raise InputError(msg)
 
 
-def _write(
-    reader: BagReader,
-    stream: BinaryIO,
-    request: RenamingRequest,
-    on_progress: Callable[[float], None],
-    asked_to_stop: Callable[[], bool],
-) -> int:
-    """Write all messages, those that cannot be decoded as they are; return how many have other joints."""
-    writer = Writer(stream, compression=CompressionType.ZSTD)
-    writer.start(profile="ros2", library="jammkle")
-    targets = {each.id: _added(writer, each, request) for each in reader.every}
-    changed, total = 0, max(sum(each.msgcount for each in reader.every), 1)
-    for count, (connection, time_ns, data) in enumerate(messages(reader, request.bag, reader.every)):
-        if count % _EVERY == 0:
-            if asked_to_stop():
-                raise Interrupted
-            on_progress(count / total)
-        new = _renamed(reader, request.joints, connection, data)
-        changed += new is not None
-        writer.add_message(targets[connection.id], time_ns, data if new is None else new, time_ns)
-    writer.finish()  # type: ignore[no-untyped-call]  # of the library
-    return changed
-
-
-def _added(writer: Writer, connection: Connection, request: RenamingRequest) -> int:
+def _added(writer: Writer, connection: Connection, topics: Mapping[str, str]) -> int:
     language = connection.language or ("ros2msg" if connection.definition else "")
     schema = writer.register_schema(connection.msgtype, language, connection.definition) if connection.msgtype else 0
     hints = {"offered_qos_profiles": connection.offered, "topic_type_hash": connection.digest}
     kept = {key: text for key, text in hints.items() if text}
-    topic = request.topics.get(connection.topic, connection.topic)
+    topic = topics.get(connection.topic, connection.topic)
     return writer.register_channel(topic, connection.encoding, schema, kept)
 
 
@@ -284,6 +206,7 @@ def _renamed(reader: BagReader, joints: JointRenaming, connection: Connection, d
     found = joints.renamed(message)
     if found is None:
         return None
+    names, values = found
+    numbers = {kind: np.array(each, dtype=np.float64) for kind, each in values.items()}
     make = reader.typestore.types[connection.msgtype]
-    values = (np.array(each, dtype=np.float64) for each in (found.position, found.velocity, found.effort))
-    return reader.serialize(make(message.header, list(found.name), *values), connection.msgtype)
+    return reader.serialize(make(header=message.header, name=names, **numbers), connection.msgtype)

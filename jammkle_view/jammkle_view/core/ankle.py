@@ -129,11 +129,36 @@ SPAN_S = 10.0
 _FASTEST_HZ = 1000.0
 _EVENTS = 50
 
-PRESSURE_LINES: tuple[str, ...] = (*names.CHANNELS, "manifold")
-IMU_LINES: tuple[str, ...] = ("x", "y", "z")
-TENSION_LINES: tuple[str, ...] = names.TENDONS
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """What one plot shows."""
+
+    title: str
+    """With the unit that it is shown in."""
+    scale: float
+    """What one SI unit is in that."""
+    least: float
+    """Least height of its scale, in that unit. Chosen: some ten times the noise of the sensor, and of what is simulated
+    without noise as much as matters to an ankle."""
+    signals: Mapping[str, str]
+    """By label in the legend; named as the diagnosis names them."""
+
+
+PRESSURE = Quantity(
+    "Pressure, absolute [kPa]",
+    1e-3,
+    5.0,
+    {**{channel: topic.name for channel, topic in names.PRESSURES.items()}, "manifold": names.MANIFOLD_PRESSURE.name},
+)
+FORCE = Quantity("Specific force [m/s²]", 1.0, 2.0, {axis: f"imu/specific_force_{axis}" for axis in "xyz"})
+RATE = Quantity("Angular rate [rad/s]", 1.0, 0.2, {axis: f"imu/angular_velocity_{axis}" for axis in "xyz"})
+PITCH = Quantity("Pitch of the foot, toe down [deg]", math.degrees(1.0), 1.0, {"pitch": "ankle_pitch/position"})
+CARRIAGE = Quantity("Carriage [mm]", 1e3, 1.0, {"carriage": f"{names.CARRIAGE_JOINT}/position"})
+TENSION = Quantity("Tension [N]", 1.0, 2.0, {tendon: f"{tendon}/tension" for tendon in names.TENDONS})
+
 BREAK_M = TendonParameters().break_extension_m
-_PRESSURE_TOPICS = (*(names.PRESSURES[channel].name for channel in names.CHANNELS), names.MANIFOLD_PRESSURE.name)
+_PRESSURE_TOPICS = tuple(PRESSURE.signals.values())
 _CHANNEL_OF_TENDON = {tendon: channel for channel, tendons in names.TENDONS_OF_CHANNEL.items() for tendon in tendons}
 
 
@@ -188,11 +213,11 @@ class Ankle(AnkleState):
         self.emergency_stopped = False
         self.description = ""
         self.events: deque[Event] = deque(maxlen=_EVENTS)
-        self.pressures_pa = Trace(len(PRESSURE_LINES), capacity)
-        self.forces_m_s2 = Trace(len(IMU_LINES), capacity)
-        self.rates_rad_s = Trace(len(IMU_LINES), capacity)
-        self.pulls_n = Trace(len(TENSION_LINES), capacity)
-        self._latest_pa = [math.nan] * len(PRESSURE_LINES)
+        self.pressures_pa = Trace(len(PRESSURE.signals), capacity)
+        self.forces_m_s2 = Trace(len(FORCE.signals), capacity)
+        self.rates_rad_s = Trace(len(RATE.signals), capacity)
+        self.pulls_n = Trace(len(TENSION.signals), capacity)
+        self._latest_pa = [math.nan] * len(PRESSURE.signals)
         self._pressures_at_s = math.nan
 
     def take(self, sample: Sample) -> None:
@@ -205,7 +230,7 @@ class Ankle(AnkleState):
                 self._measured_at(sample.time_s)
                 self.tensions_n, self.broken = dict(sample.tensions_n), sample.broken
                 self.extensions_m = dict(sample.extensions_m)
-                self.pulls_n.append(sample.time_s, [self.tensions_n.get(name, math.nan) for name in TENSION_LINES])
+                self.pulls_n.append(sample.time_s, [self.tensions_n.get(name, math.nan) for name in TENSION.signals])
             case Pressure():
                 self._measured_at(sample.time_s)
                 self._take_pressure(sample)

@@ -16,7 +16,7 @@ from trimesh import creation
 from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_common.names import CARRIAGE_JOINT
 from jammkle_sim.physics.engine import mujoco
-from jammkle_view.core.models import tendon_sites
+from jammkle_view.core.models import BALL, GROUNDS, tendon_sites
 from jammkle_view.core.samples import ChannelState, EventKind
 
 if TYPE_CHECKING:
@@ -83,7 +83,6 @@ _RAIL_DOWN_M, _RAIL_UP_M = 0.16, 0.14
 _GROUND_HALF_M = (0.18, 0.12, 0.006)
 FLOOR_HALF_M = (0.55, 0.4)
 """Of the ground that a robot without a rig stands on."""
-_GROUND_KINDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 _FOOT_SPHERES = 3
 """A body with so many balls or more is a sole with rounded corners."""
 
@@ -136,7 +135,7 @@ def _grounds(model: Any) -> Iterator[Solid]:
     if not any(model.joint(index).name == CARRIAGE_JOINT for index in range(model.njnt)):
         half_m[:2] = FLOOR_HALF_M
     for index in range(model.ngeom):
-        if int(model.geom_type[index]) in _GROUND_KINDS:
+        if int(model.geom_type[index]) in GROUNDS:
             slab = creation.box(extents=2.0 * half_m)
             slab.apply_translation((0.0, 0.0, -half_m[2]))
             yield _placed(model, index, slab, _GROUND)
@@ -148,7 +147,7 @@ def _contacts(model: Any) -> Iterator[Solid]:
     for index in range(model.ngeom):
         by_body.setdefault(int(model.geom_bodyid[index]), []).append(index)
     for body, geoms in by_body.items():
-        balls = [index for index in geoms if int(model.geom_type[index]) == int(mujoco.mjtGeom.mjGEOM_SPHERE)]
+        balls = [index for index in geoms if int(model.geom_type[index]) == BALL]
         if len(balls) >= _FOOT_SPHERES:
             parts = [_shape(model, index) for index in balls]
             corners = np.concatenate(
@@ -170,7 +169,7 @@ def _shape(model: Any, geom: int) -> Any:
     """Return the surface, a Trimesh, of a geom in its own frame; None for a plane and what cannot be drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
-    if kind == int(kinds.mjGEOM_SPHERE):
+    if kind == BALL:
         return creation.icosphere(subdivisions=2, radius=float(size[0]))
     if kind == int(kinds.mjGEOM_CAPSULE):
         capsule = creation.capsule(height=2.0 * float(size[1]), radius=float(size[0]))

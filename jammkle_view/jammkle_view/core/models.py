@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
 _BASE = 1
 """Body that carries a robot: the first after the world."""
-_GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
-_BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+GROUNDS = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+BALL = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+"""Kinds of geoms, as a model numbers them."""
 _FOOT_BALLS = 4
 """Rounded corners of a sole."""
 _SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
@@ -67,12 +68,12 @@ class Kinematics:
             if int(model.jnt_type[index]) in simple
         }
         kinds = [int(kind) for kind in model.geom_type]
-        self._ground = next((index for index, kind in enumerate(kinds) if kind in _GROUNDS), None)
-        balls = [int(model.geom_bodyid[index]) for index, kind in enumerate(kinds) if kind == _BALL]
+        self._ground = next((index for index, kind in enumerate(kinds) if kind in GROUNDS), None)
+        balls = [int(model.geom_bodyid[index]) for index, kind in enumerate(kinds) if kind == BALL]
         self._corners = [
             index
             for index, kind in enumerate(kinds)
-            if kind == _BALL and balls.count(int(model.geom_bodyid[index])) >= _FOOT_BALLS
+            if kind == BALL and balls.count(int(model.geom_bodyid[index])) >= _FOOT_BALLS
         ]
         self.bodies: tuple[str, ...] = tuple(model.body(index).name for index in range(1, model.nbody))
         """Names, in the order of `positions_m` and `rotations`; the world is not among them."""
@@ -231,32 +232,45 @@ def setting_of(description: str) -> Setting:
         description: YAML with `rig` or `robot`, `options` and the constants of the ankle; may be empty.
 
     """
+    content = described(description)
+    try:
+        if "robot" in content:
+            return _robot(str(content["robot"]), content)
+        if content.get("rig") in RIGS:
+            return _rig(content["rig"], content)
+    except (ParameterError, TypeError):  # of another version of this project
+        pass
+    return _rig(HANGING, {})
+
+
+def described(description: str) -> dict[str, Any]:
+    """Return what a text of sim_parameters says; nothing of what is not YAML."""
     try:
         content = yaml.safe_load(description)
     except yaml.YAMLError:
-        content = None
-    given: dict[str, Any] = content if isinstance(content, dict) else {}
-    options = dict(given.get("options") or {})
-    try:
-        if "robot" in given:
-            return _robot(str(given["robot"]), options)
-        if given.get("rig") in RIGS:
-            return Setting(given["rig"], options, _rig(given["rig"], options, dict(given.get("ankle") or {})))
-    except (ParameterError, TypeError):  # of another version of this project
-        pass
-    return Setting(HANGING, {}, _rig(HANGING, {}, {}))
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
-def _rig(rig: str, options: dict[str, Any], ankle: dict[str, Any]) -> Any:
-    kind = RIGS[rig]
-    chosen = kind.options(**_known(kind.options, options))
+def known(table: Any, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of the options in a description that a table has; those of another version are left out."""
+    fields = {field.name for field in dataclasses.fields(table)}
+    return {name: value for name, value in _options(content).items() if name in fields}
+
+
+def _options(content: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(content.get("options") or {})
+
+
+def _rig(rig: str, content: Mapping[str, Any]) -> Setting:
+    kind, ankle = RIGS[rig], dict(content.get("ankle") or {})
     other = {} if kind.ankle is None or not ankle else {"ankle": AnkleParameters(**ankle)}
-    built, _ = kind.build(chosen, **other)
-    return built.model
+    built, _ = kind.build(kind.options(**known(kind.options, content)), **other)
+    return Setting(rig, _options(content), built.model)
 
 
-def _robot(name: str, options: dict[str, Any]) -> Setting:
-    built = robot(name, RobotOptions(**_known(RobotOptions, options)))
+def _robot(name: str, content: Mapping[str, Any]) -> Setting:
+    built = robot(name, RobotOptions(**known(RobotOptions, content)))
     several = len(built.ankles) > 1
     ankles = {
         ankle.name if several else "": Naming(
@@ -265,13 +279,7 @@ def _robot(name: str, options: dict[str, Any]) -> Setting:
         )
         for ankle in built.ankles
     }
-    return Setting(name, options, built.model, ankles, floats=True)
-
-
-def _known(table: Any, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that a table has; those of another version are left out."""
-    known = {field.name for field in dataclasses.fields(table)}
-    return {name: value for name, value in options.items() if name in known}
+    return Setting(name, _options(content), built.model, ankles, floats=True)
 
 
 _LANDING = "landing"

@@ -16,7 +16,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-class ChannelState(enum.IntEnum):
+class _Reported(enum.IntEnum):
+    """Numbers of a message; one that a later version may add is UNKNOWN, 0."""
+
+    @classmethod
+    def _missing_(cls, _value: object) -> _Reported:
+        return cls(0)
+
+
+class ChannelState(_Reported):
     """State of a channel, with the numbers of jammkle_msgs/ChannelJamState."""
 
     UNKNOWN = 0
@@ -27,7 +35,7 @@ class ChannelState(enum.IntEnum):
     FAULT = 5
 
 
-class EventKind(enum.IntEnum):
+class EventKind(_Reported):
     """What the controller felt, with the numbers of jammkle_msgs/ContactEvent."""
 
     UNKNOWN = 0
@@ -239,7 +247,7 @@ def _jam_report(message: Any) -> JamReport:
         bool(message.emergency_stopped),
         {
             each.channel: Channel(
-                _known_state(each.state),
+                ChannelState(int(each.state)),
                 float(each.commanded_vacuum_pa),
                 float(each.measured_vacuum_pa),
                 str(each.reason),
@@ -249,13 +257,8 @@ def _jam_report(message: Any) -> JamReport:
     )
 
 
-def _known_state(number: int) -> ChannelState:
-    return ChannelState(number) if number in ChannelState._value2member_map_ else ChannelState.UNKNOWN
-
-
 def _event(message: Any) -> Event:
-    number = int(message.type)
-    kind = EventKind(number) if number in EventKind._value2member_map_ else EventKind.UNKNOWN
+    kind = EventKind(int(message.type))
     return Event(_stamp_s(message), kind, float(message.magnitude), message.unit, float(message.detection_delay_s))
 
 

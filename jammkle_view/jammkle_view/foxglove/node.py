@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import queue
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import foxglove
@@ -32,16 +31,8 @@ _ENCODING = "cdr"
 _DEFINED_AS = "ros2msg"
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """Somebody has begun to look at a topic, or the last one has ceased to."""
-
-    topic: str
-    begins: bool
-
-
-class ForwardingServer:
-    """Offers topics to the app, and says which of them somebody looks at."""
+class ForwardingServer(ServerListener):
+    """Offers topics to the app, and says which of them somebody looks at, as a thread of the library's tells it."""
 
     def __init__(self, host: str, port: int, name: str) -> None:
         """Listen.
@@ -57,7 +48,7 @@ class ForwardingServer:
         """
         self._channels: dict[str, Any] = {}
         self._lookers: dict[str, set[int]] = {}
-        self._requested: queue.SimpleQueue[Wanted] = queue.SimpleQueue()
+        self._requested: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
         self._context = foxglove.Context()
         try:
             self._server = foxglove.start_server(
@@ -65,7 +56,7 @@ class ForwardingServer:
                 host=host,
                 port=port,
                 capabilities=[Capability.Time],
-                server_listener=_Listener(self),
+                server_listener=self,
                 context=self._context,
             )
         except (OSError, RuntimeError) as error:
@@ -97,8 +88,8 @@ class ForwardingServer:
         """Send the app the time of the graph."""
         self._server.broadcast_time(time_ns)
 
-    def wanted(self) -> list[Wanted]:
-        """Return what has changed since the last call."""
+    def wanted(self) -> list[tuple[str, bool]]:
+        """Return the topics at which somebody has begun to look since the last call, or the last one has ceased to."""
         found = []
         while not self._requested.empty():
             found.append(self._requested.get())
@@ -108,30 +99,17 @@ class ForwardingServer:
         """Stop listening."""
         self._server.stop()
 
-    def looked_at(self, topic: str, client: int) -> None:
-        """Note that somebody has begun to look; every one who does must get what is latched."""
-        self._lookers.setdefault(topic, set()).add(client)
-        self._requested.put(Wanted(topic, begins=True))
-
-    def left(self, topic: str, client: int) -> None:
-        """Note that somebody looks no longer."""
-        lookers = self._lookers.get(topic, set())
-        lookers.discard(client)
-        if not lookers:
-            self._requested.put(Wanted(topic, begins=False))
-
-
-class _Listener(ServerListener):
-    """Receives the app's subscriptions, in a thread of the server's."""
-
-    def __init__(self, server: ForwardingServer) -> None:
-        self._server = server
-
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        self._server.looked_at(channel.topic, client.id)
+        """Note that somebody has begun to look; every one who does must get what is latched."""
+        self._lookers.setdefault(channel.topic, set()).add(client.id)
+        self._requested.put((channel.topic, True))
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
-        self._server.left(channel.topic, client.id)
+        """Note that somebody looks no longer."""
+        lookers = self._lookers.get(channel.topic, set())
+        lookers.discard(client.id)
+        if not lookers:
+            self._requested.put((channel.topic, False))
 
 
 TRANSFORM_SUFFIX = "/tf"
@@ -202,12 +180,12 @@ class FoxgloveNode(Node):
 
     def _follow_requests(self) -> None:
         """Subscribe where somebody looks; anew for each who comes, so that he gets what is latched."""
-        for wanted in self._server.wanted():
-            old = self._forwarded.pop(wanted.topic, None)
+        for topic, begins in self._server.wanted():
+            old = self._forwarded.pop(topic, None)
             if old is not None:
                 self.destroy_subscription(old)
-            if wanted.begins:
-                self._subscribe(wanted.topic)
+            if begins:
+                self._subscribe(topic)
 
     def _subscribe(self, name: str) -> None:
         source = name if name in self._types else name.removesuffix(TRANSFORM_SUFFIX)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_view.core import ankle as known
+from jammkle_view.core.figure import LINE_TINTS
 from jammkle_view.core.models import knobs_of, setting_of
 from jammkle_view.page import words
 from jammkle_view.page.controls import AnkleControls, SimControls
-from jammkle_view.page.plots import LEAST, Mark, Plot, event_marks, lines_of
+from jammkle_view.page.plots import Line, Mark, Plot, event_marks
 from jammkle_view.page.scene import RobotScene
 from jammkle_view.page.server import look_at
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import viser
 
-    from jammkle_view.core.ankle import Ankle, Trace
+    from jammkle_view.core.ankle import Ankle, Quantity
     from jammkle_view.core.models import Naming
     from jammkle_view.core.samples import Request
 
@@ -29,19 +29,7 @@ _APART_M = 0.6
 """Between ankles that stand in rigs of their own, m."""
 _LABEL_S = 1.5
 """Time for which an event is written beside the robot."""
-_PER_KILO = 1e-3
-FORCE, RATE = "Specific force [m/s²]", "Angular rate [rad/s]"
-"""What is plotted of the IMU, one at a time: a plot out of sight costs nothing."""
 _PANEL_WIDTH_PX, _PLOTS_WIDTH_PX = 330.0, 430.0
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """A robot in the scene."""
-
-    scene: RobotScene
-    ankles: Mapping[str, Naming]
-    """Those that move it, by name on the page."""
 
 
 class LivePage:
@@ -80,7 +68,8 @@ class LivePage:
                 self._chosen = gui.add_dropdown("ankle", self._ankles)
             self._plots = _LivePlots(gui)
         self._label = server.scene.add_label("/event", "", visible=False)
-        self._drawn: list[_Drawn] = []
+        self._drawn: list[tuple[RobotScene, Mapping[str, Naming]]] = []
+        """Robots in the scene, and the ankles that move each, by name on the page."""
         self._descriptions: dict[str, str] = {}
         self._next_plot_s = self._next_text_s = 0.0
 
@@ -129,13 +118,13 @@ class LivePage:
         if descriptions != self._descriptions:
             self._descriptions = descriptions
             self._build(descriptions)
-        for drawn in self._drawn:
-            drawn.scene.show_ankles([(naming, ankles[name]) for name, naming in drawn.ankles.items()])
+        for scene, members in self._drawn:
+            scene.show_ankles([(naming, ankles[name]) for name, naming in members.items()])
 
     def _build(self, descriptions: Mapping[str, str]) -> None:
         """Draw all robots anew, as a simulation now says that it is something else."""
-        for drawn in self._drawn:
-            drawn.scene.remove()
+        for scene, _ in self._drawn:
+            scene.remove()
         self._drawn = []
         whole = setting_of(next(iter(descriptions.values())))
         if len(whole.ankles) > 1 and set(descriptions) <= set(whole.ankles):
@@ -147,8 +136,9 @@ class LivePage:
             root = f"/{next(iter(members)) or 'ankle'}" if len(members) == 1 else f"/{setting.rig}"
             scene = RobotScene(self._server, root, setting.model, floats=setting.floats)
             scene.put((0.0, -_APART_M * place, 0.0))
-            self._drawn.append(_Drawn(scene, members))
-        look_at(self._server, self._drawn[0].scene.centre_m, self._drawn[0].scene.reach_m)
+            self._drawn.append((scene, members))
+        first, _ = self._drawn[0]
+        look_at(self._server, first.centre_m, first.reach_m)
         simulated = tuple(name for name, text in descriptions.items() if text)
         if simulated:
             several = len(groups) == 1 and len(self._ankles) > 1  # of one simulation above them
@@ -177,8 +167,7 @@ class LivePage:
         latest = ankle.events[-1] if ankle.events else None
         fresh = latest is not None and 0.0 <= ankle.time_s - latest.time_s <= _LABEL_S
         if latest is not None and fresh:
-            drawn = next(each for each in self._drawn if self.chosen in each.ankles)
-            x, y, z = drawn.scene.centre_m
+            x, y, z = next(scene.centre_m for scene, members in self._drawn if self.chosen in members)
             self._label.text = f"{latest.kind.name} {latest.magnitude:.1f} {latest.unit}"
             self._label.position = (x + 0.09, y, z)
         self._label.visible = fresh
@@ -188,17 +177,17 @@ class _LivePlots:
     """Pressure, IMU and tension over the last seconds; the time axis ends now."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._pressure = _plot(gui, "Pressure, absolute [kPa]", known.PRESSURE_LINES)
-        shown = gui.add_dropdown("IMU", (FORCE, RATE))
-        self._imu = {title: _plot(gui, title, known.IMU_LINES, event_marks()) for title in (FORCE, RATE)}
-        self._imu[RATE].set_visible(visible=False)
+        self._plots = {known.PRESSURE: _plot(gui, known.PRESSURE)}
+        shown = gui.add_dropdown("IMU", (known.FORCE.title, known.RATE.title))
+        imu = {each: _plot(gui, each, event_marks()) for each in (known.FORCE, known.RATE)}
+        imu[known.RATE].set_visible(visible=False)  # one at a time: a plot out of sight costs nothing
 
         @shown.on_update
         def _(_event: object) -> None:
-            for title, plot in self._imu.items():
-                plot.set_visible(visible=title == shown.value)
+            for quantity, plot in imu.items():
+                plot.set_visible(visible=quantity.title == shown.value)
 
-        self._pull = _plot(gui, "Tension [N]", known.TENSION_LINES)
+        self._plots |= {**imu, known.TENSION: _plot(gui, known.TENSION)}
 
     def show(self, ankle: Ankle) -> None:
         """Draw the last seconds of an ankle."""
@@ -207,23 +196,13 @@ class _LivePlots:
         marked: dict[str, list[float]] = {}
         for event in ankle.events:
             marked.setdefault(event.kind.name.lower(), []).append(event.time_s - ankle.time_s)
-        self._draw(self._pressure, ankle.pressures_pa, ankle.time_s, _PER_KILO)
-        for title, trace in ((FORCE, ankle.forces_m_s2), (RATE, ankle.rates_rad_s)):
-            if self._imu[title].visible:
-                self._draw(self._imu[title], trace, ankle.time_s, 1.0, marked)
-        self._draw(self._pull, ankle.pulls_n, ankle.time_s, 1.0)
-
-    def _draw(
-        self,
-        plot: Plot,
-        trace: Trace,
-        now_s: float,
-        scale: float,
-        marked_s: Mapping[str, Sequence[float]] | None = None,
-    ) -> None:
-        time_s, values = trace.window(now_s - known.SPAN_S, now_s)
-        plot.show(time_s - now_s, scale * values, marked_s)
+        traces = (ankle.pressures_pa, ankle.forces_m_s2, ankle.rates_rad_s, ankle.pulls_n)
+        for plot, trace in zip(self._plots.values(), traces, strict=True):
+            if plot.visible:
+                time_s, values = trace.window(ankle.time_s - known.SPAN_S, ankle.time_s)
+                plot.show(time_s - ankle.time_s, values, marked)
 
 
-def _plot(gui: viser.GuiApi, title: str, lines: Sequence[str], marks: Sequence[Mark] = ()) -> Plot:
-    return Plot(gui, title, lines_of(lines), (-known.SPAN_S, 0.0), marks, least=LEAST[title])
+def _plot(gui: viser.GuiApi, quantity: Quantity, marks: Sequence[Mark] = ()) -> Plot:
+    lines = [Line(label.replace("_", " "), LINE_TINTS[label]) for label in quantity.signals]
+    return Plot(gui, quantity, lines, (-known.SPAN_S, 0.0), marks)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_view.core.ankle import thinned
-from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS, css
+from jammkle_view.core.figure import EVENT_TINTS, css
 from jammkle_view.core.samples import EventKind
 
 if TYPE_CHECKING:
@@ -17,18 +17,9 @@ if TYPE_CHECKING:
     import viser
     from numpy.typing import NDArray
 
+    from jammkle_view.core.ankle import Quantity
     from jammkle_view.core.figure import Rgb
 
-LEAST = {
-    "Pressure, absolute [kPa]": 5.0,
-    "Specific force [m/s²]": 2.0,
-    "Angular rate [rad/s]": 0.2,
-    "Tension [N]": 2.0,
-    "Pitch of the foot, toe down [deg]": 1.0,
-    "Carriage [mm]": 1.0,
-}
-"""Least height of the scale of each plot, by its title. Chosen: some ten times the noise of the sensor, and of what is
-simulated without noise as much as matters to an ankle."""
 BINS = 300
 """A plot is some 400 pixels wide: with twice as many points nothing that could be seen is lost."""
 _MARK_SCALE = "mark"
@@ -60,44 +51,31 @@ class Plot:
     def __init__(
         self,
         gui: viser.GuiApi,
-        title: str,
+        quantity: Quantity,
         lines: Sequence[Line],
         time_range_s: tuple[float, float],
         marks: Sequence[Mark] = (),
         *,
-        least: float,
         height_px: int = 190,
     ) -> None:
         """Draw it empty.
 
         Args:
             gui: Where.
-            title: Quantity and unit.
-            lines: What is drawn, in order.
+            quantity: What is drawn; where it moves less than its least, it is drawn flat.
+            lines: Its signals, in order.
             time_range_s: Ends of the time axis, s.
             marks: What may be marked.
-            least: Height of the scale at the least, in the unit of the plot: what moves less is drawn flat.
             height_px: Its height on the page.
 
         """
-        self._lines, self._marks, self._least = tuple(lines), tuple(marks), least
+        self._lines, self._marks, self._quantity = tuple(lines), tuple(marks), quantity
         empty = np.array(time_range_s)
         series: list[dict[str, object]] = [{"label": "t [s]"}]
         for line in lines:
             dash = {"dash": (5.0, 4.0)} if line.dashed else {}
-            series.append(
-                {"label": line.label, "stroke": css(line.tint), "width": 1.5, **dash, "points": {"show": False}}
-            )
-        series += [
-            {
-                "label": mark.label,
-                "stroke": css(mark.tint),
-                "width": 1.5,
-                "scale": _MARK_SCALE,
-                "points": {"show": False},
-            }
-            for mark in marks
-        ]
+            series.append({**_stroke(line.label, line.tint), **dash})
+        series += [{**_stroke(mark.label, mark.tint), "scale": _MARK_SCALE} for mark in marks]
         self._scales: dict[str, dict[str, object]] = {"x": {"time": False, "range": time_range_s}}
         if marks:
             self._scales[_MARK_SCALE] = {"range": (_MARK_FOOT, _MARK_HEIGHT), "auto": False}
@@ -105,7 +83,7 @@ class Plot:
         self._handle = gui.add_uplot(
             tuple(np.full(2, np.nan) if place else empty for place in range(len(series))),
             tuple(series),  # type: ignore[arg-type]  # viser's own table types are plain mappings
-            title=title,
+            title=quantity.title,
             scales=self._scales,  # type: ignore[arg-type]  # as above
             legend={"show": True, "live": False},
             height=height_px,
@@ -122,14 +100,14 @@ class Plot:
 
         Args:
             time_s: Shape (n,), on the plot's axis, s.
-            values: Shape (n, lines).
+            values: Shape (n, lines), SI.
             marked_s: Times by name of the mark, s.
 
         """
-        time_s, values = thinned(time_s, values, BINS)
+        time_s, values = thinned(time_s, self._quantity.scale * values, BINS)
         if not len(time_s):
             time_s, values = np.zeros(1), np.full((1, len(self._lines)), np.nan)
-        wanted = range_of(values, self._least)
+        wanted = range_of(values, self._quantity.least)
         if wanted != self._range:
             self._range = wanted
             scales = self._scales if wanted is None else {**self._scales, "y": {"range": wanted}}
@@ -149,6 +127,10 @@ class Plot:
     def remove(self) -> None:
         """Take it off the page."""
         self._handle.remove()
+
+
+def _stroke(label: str, tint: Rgb) -> dict[str, object]:
+    return {"label": label, "stroke": css(tint), "width": 1.5, "points": {"show": False}}
 
 
 def range_of(values: NDArray[np.float64], least: float) -> tuple[float, float] | None:
@@ -172,11 +154,6 @@ def _strokes(time_s: NDArray[np.float64], marked_s: Sequence[float]) -> NDArray[
     inside = [each for each in marked_s if time_s[0] <= each <= time_s[-1]]
     line[np.minimum(np.searchsorted(time_s, inside), len(time_s) - 1)] = _MARK_HEIGHT
     return line
-
-
-def lines_of(labels: Sequence[str]) -> tuple[Line, ...]:
-    """Return lines of these labels in their colours."""
-    return tuple(Line(name.replace("_", " "), LINE_TINTS[name]) for name in labels)
 
 
 def event_marks() -> tuple[Mark, ...]:

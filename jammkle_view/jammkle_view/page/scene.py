@@ -110,11 +110,6 @@ class RobotScene:
         self.show({}, {}, {})
 
     @property
-    def tendons(self) -> tuple[str, ...]:
-        """Names of the tendons, once per straight piece."""
-        return self._kinematics.segments
-
-    @property
     def centre_m(self) -> Sequence[float]:
         """Middle of the bodies as they are seen, m."""
         middle_m = self._kinematics.positions_m.mean(axis=0) - (self._kinematics.travel_m if self._floats else 0.0)
@@ -189,13 +184,14 @@ class RobotScene:
             return
         begins_m, ends_m = (each + sunk_m for each in self._kinematics.segment_ends_m)
         turns, lengths_m = along(begins_m, ends_m)
-        radius_m = np.array([TENDON_RADIUS_M * (1.0 - SHRUNK * vacuum_shares.get(name, 0.0)) for name in self.tendons])
+        segments = self._kinematics.segments
+        radius_m = np.array([TENDON_RADIUS_M * (1.0 - SHRUNK * vacuum_shares.get(name, 0.0)) for name in segments])
         self._tendons.batched_positions = begins_m.astype(np.float32)
         self._tendons.batched_wxyzs = turns.astype(np.float32)
         self._tendons.batched_scales = np.stack((radius_m, radius_m, lengths_m), axis=1).astype(np.float32)
         if self._ghost is None:
-            colours = np.array([tints.get(name, (200, 200, 200)) for name in self.tendons], dtype=np.uint8)
+            colours = np.array([tints.get(name, (200, 200, 200)) for name in segments], dtype=np.uint8)
         else:
-            colours = np.tile(np.array(self._ghost, dtype=np.uint8), (len(self.tendons), 1))
+            colours = np.tile(np.array(self._ghost, dtype=np.uint8), (len(segments), 1))
         if not np.array_equal(colours, self._tendons.batched_colors):
             self._tendons.batched_colors = colours

@@ -111,21 +111,17 @@ def answer_html(text: str, *, good: bool) -> str:
 
 def table_html(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table; the first column is left-aligned, numbers are not."""
-    cells = "".join(
-        f'<th style="text-align: {"left" if place == 0 else "right"}; padding: 0 6px">{html.escape(text)}</th>'
-        for place, text in enumerate(head)
-    )
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f'<td style="text-align: {"left" if place == 0 else "right"}; padding: 0 6px">{html.escape(text)}</td>'
-            for place, text in enumerate(row)
+
+    def line(tag: str, texts: Sequence[str]) -> str:
+        cells = (
+            f'<{tag} style="text-align: {"right" if place else "left"}; padding: 0 6px">{html.escape(text)}</{tag}>'
+            for place, text in enumerate(texts)
         )
-        + "</tr>"
-        for row in rows
-    )
+        return f"<tr>{''.join(cells)}</tr>"
+
+    body = line("th", head) + "".join(line("td", row) for row in rows)
     style = "font-size: 11.5px; width: 100%; white-space: nowrap"
-    return f'<div style="{_BOX}"><table style="{style}"><tr>{cells}</tr>{body}</table></div>'
+    return f'<div style="{_BOX}"><table style="{style}">{body}</table></div>'
 
 
 _SCALES = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}
