@@ -32,6 +32,7 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import travel_m
+from jammkle_controller.core.leg import leg_of
 from jammkle_controller.core.reading import (
     ankle_reading,
     body_twist,
@@ -44,7 +45,6 @@ from jammkle_controller.core.reading import (
     load_n_of,
     nanoseconds,
 )
-from jammkle_controller.core.robot_description import leg_of
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing

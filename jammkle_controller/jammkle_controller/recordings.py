@@ -19,11 +19,11 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import normalised, resolved
 from jammkle_common.parameters import ParameterError
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController, Reaction
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
+from jammkle_controller.core.leg import leg_of
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
 from jammkle_controller.core.reading import (
     ankle_reading,
     body_twist,
@@ -34,7 +34,7 @@ from jammkle_controller.core.reading import (
     load_n,
     nanoseconds,
 )
-from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.core.slip import BodyTwist, LegPose
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import pytest
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import Contact, ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.leg_contact import AnkleReading
 from jammkle_controller.core.reading import ankle_reading
 from jammkle_controller.parameters import ControllerParameters
 

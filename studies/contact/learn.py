@@ -13,10 +13,10 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.ankle_contact import AnkleMotion
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
+from jammkle_controller.core.leg_contact import AnkleMotion
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, SoleFilter, StepRatios, ratios_of
 from jammkle_controller.parameters import ControllerParameters

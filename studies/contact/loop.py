@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import Stored
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.slip import BodyTwist, LegPose
 from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample

@@ -24,10 +24,11 @@ from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_controller.core.ankle_contact import AnkleReading
     from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
     from jammkle_controller.core.landing import Landing, Stored
-    from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+    from jammkle_controller.core.leg import Leg
+    from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+    from jammkle_controller.core.slip import BodyTwist, LegPose
     from jammkle_controller.core.stepping import StepRatios
     from jammkle_controller.parameters import ControllerParameters, PolicyMode
 

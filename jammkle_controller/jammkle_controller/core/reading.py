@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from jammkle_common import wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import RATED_KG, Landing
-from jammkle_controller.core.leg import LegLoad, LegReading
+from jammkle_controller.core.leg_contact import LegLoad, LegReading
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import Received, replay
 from jammkle_driver.parameters import DriverParameters
