@@ -16,6 +16,7 @@ from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import subscriber_qos
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import Contact, ContactKind
+from jammkle_controller.core.inputs import AnkleAngles
 from jammkle_controller.core.leg_contact import LoadContact
 from jammkle_controller.core.stepping import DWELL_TIME_S
 from jammkle_controller.health import contact_health
@@ -73,15 +74,15 @@ def test_what_rests_unexplained_is_unknown_held_and_a_warning(streams: Streams, 
 @pytest.mark.parametrize(
     ("receive", "contact"),
     [
-        (lambda c, ns: c.inputs.on_pull(3.4, ns), Contact.NO_CONTACT),
-        (lambda c, ns: c.inputs.on_pull(-14.0, ns), Contact.CONTACT),
-        (lambda c, ns: c.inputs.on_pull(0.5, ns), Contact.UNKNOWN),
+        (lambda c, ns: c.on_load(-3.4, ns), Contact.NO_CONTACT),
+        (lambda c, ns: c.on_load(14.0, ns), Contact.CONTACT),
+        (lambda c, ns: c.on_load(-0.5, ns), Contact.UNKNOWN),
         (lambda c, ns: c.on_switch(closed=False, time_ns=ns), Contact.NO_CONTACT),
         (lambda c, ns: c.on_switch(closed=True, time_ns=ns), Contact.CONTACT),
         (lambda c, ns: c.on_plan(contact=False, time_ns=ns), Contact.NO_CONTACT),
         (lambda c, ns: c.on_plan(contact=True, time_ns=ns), Contact.CONTACT),
-        (lambda c, ns: (c.inputs.on_roll(0.0, ns), c.inputs.on_pitch(-0.065)), Contact.CONTACT),
-        (lambda c, ns: (c.inputs.on_roll(0.0, ns), c.inputs.on_pitch(0.014)), Contact.UNKNOWN),
+        (lambda c, ns: c.on_angles(AnkleAngles(0.0, -0.065), ns), Contact.CONTACT),
+        (lambda c, ns: c.on_angles(AnkleAngles(0.0, 0.014), ns), Contact.UNKNOWN),
     ],
     ids=["hangs on cell", "presses", "cell unsure", "open", "closed", "air planned", "stance planned", "bent", "level"],
 )

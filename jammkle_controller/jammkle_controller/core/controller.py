@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
@@ -17,18 +17,19 @@ from jammkle_controller.core.events import (
     Source,
     is_felt,
 )
-from jammkle_controller.core.imu import Admission, ImuTrouble
-from jammkle_controller.core.inputs import ContactInputs, Rhythm
+from jammkle_controller.core.imu import Admission, ImuSample, ImuTrouble
+from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rhythm
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
+from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
+    from jammkle_controller.core.imu import ImuGate, ImuWatch
     from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import Leg
-    from jammkle_controller.core.leg_contact import AnkleReading, LegReading
-    from jammkle_controller.core.slip import BodyTwist, LegPose
+    from jammkle_controller.core.reading import Received
     from jammkle_controller.core.stepping import StepRatios
     from jammkle_controller.parameters import ControllerParameters, PolicyMode
 
@@ -54,6 +55,9 @@ class Reaction(NamedTuple):
 
     events: tuple[ContactEvent, ...]
     changed: bool
+
+
+_NOTHING = Reaction((), changed=False)
 
 
 class AnkleController:
@@ -84,6 +88,18 @@ class AnkleController:
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
         self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
+        self._takes: Mapping[Input | type, Callable[[Any, int], Reaction]] = {
+            ImuSample: lambda sample, _: self.update(sample),
+            Input.CONTACT_SWITCH: lambda value, time_ns: self.on_switch(closed=bool(value), time_ns=time_ns),
+            Input.PLANNED_CONTACT: lambda value, time_ns: self.on_plan(contact=bool(value), time_ns=time_ns),
+            Input.GAIT_PHASE: self.on_phase,
+            Input.LOAD: self.on_load,
+            AnkleAngles: self.on_angles,
+            AnkleReading: self.on_ankle,
+            LegReading: self.on_leg,
+            LegPose: self.on_pose,
+            BodyTwist: self.on_odometry,
+        }
         if leg is not None:
             self.know(leg)
 
@@ -168,6 +184,13 @@ class AnkleController:
         self._foresee(sample.time_ns)
         return self._reaction(reported, before_pa, sample.time_ns)
 
+    def take(self, received: Received) -> Reaction:
+        """Take whatever is received."""
+        time_ns, what, value = received
+        if isinstance(what, Input):
+            return self._takes[what](value, time_ns)
+        return self._takes[type(what)](what, time_ns)
+
     def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
         """Take a foot contact switch."""
         return self._take_event(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
@@ -184,6 +207,11 @@ class AnkleController:
         """Take the gait's phase, 0 at touch-down to 1 at the next."""
         return self._take_event(self.inputs.on_phase(phase, time_ns), time_ns)
 
+    def on_angles(self, angles: AnkleAngles, time_ns: int) -> Reaction:
+        """Take roll and pitch of the ankle: they change nothing by themselves."""
+        self.inputs.on_angles(angles, time_ns)
+        return _NOTHING
+
     def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
         """Take angles, rates and efforts of hip and knee."""
         falls = self._detector.available and self._detector.motion.load < FALLING
@@ -197,7 +225,7 @@ class AnkleController:
         event = self.inputs.on_ankle(reading, time_ns)
         if self._detector.phase is Phase.FLIGHT and self._detector.available:
             self.inputs.fly()
-            return Reaction((), changed=False)
+            return _NOTHING
         return self._take_event(event, time_ns)
 
     def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
@@ -218,7 +246,7 @@ class AnkleController:
     def _slip(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         """React to a slip by odometry."""
         if event is None or self._detector.phase is Phase.FLIGHT:
-            return Reaction((), changed=False)
+            return _NOTHING
         before_pa = self._policy.set_points_pa
         self._detector.slide()
         self._react(event)
@@ -226,7 +254,7 @@ class AnkleController:
 
     def _take_event(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:
-            return Reaction((), changed=False)
+            return _NOTHING
         lifted = event.kind is ContactKind.LIFTOFF
         before_pa = self._policy.set_points_pa
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
@@ -236,9 +264,9 @@ class AnkleController:
         feels = self._detector.available and self.feels(Detection.STEP)
         feels = feels or self.inputs.leg_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
-            return Reaction((), changed=False)
+            return _NOTHING
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
-            return Reaction((), changed=False)
+            return _NOTHING
         self._detector.correct(lifted=lifted, time_ns=time_ns)
         self._react(event)
         self._note_contact(time_ns)

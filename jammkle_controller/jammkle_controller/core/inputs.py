@@ -6,7 +6,7 @@ import enum
 import math
 import statistics
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import CHANGES, NO_UNIT, ContactEvent, Source
@@ -132,6 +132,13 @@ PLANNED_PROBABILITY = 0.9
 """Assumed, of what a plan says: a gait misses its plan on stairs and holes."""
 
 
+class AnkleAngles(NamedTuple):
+    """Roll and pitch of the ankle, rad; what is no number is not measured."""
+
+    roll_rad: float
+    pitch_rad: float
+
+
 class Input(enum.Enum):
     """What may be received."""
 
@@ -227,8 +234,11 @@ class ContactInputs:
         return self._change(Input.PLANNED_CONTACT, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=contact)
 
     def on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
-        """Take the load on the foot, N, positive."""
-        if not self.parameters.use_load or not math.isfinite(load_n):
+        """Take the load on the foot, N, positive; a leg that hangs on the cell of its rig pulls, without `use_load`."""
+        if not math.isfinite(load_n):
+            return None
+        self._pull_n, self._pull_ns = -load_n, time_ns
+        if not self.parameters.use_load:
             return None
         before_ns = self._received_ns.get(Input.LOAD, time_ns)
         elapsed_s = max(0.0, (time_ns - before_ns) / NANOSECONDS_PER_SECOND)
@@ -260,16 +270,13 @@ class ContactInputs:
         change = self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
         return None if self._is_recent(Input.PLANNED_CONTACT, time_ns) else change
 
-    def on_roll(self, roll_rad: float, time_ns: int) -> None:
-        """Take the ankle's roll, rad."""
-        if math.isfinite(roll_rad):
+    def on_angles(self, angles: AnkleAngles, time_ns: int) -> None:
+        """Take roll and pitch of the ankle."""
+        if math.isfinite(angles.roll_rad):
             self._received_ns[Input.JOINTS] = time_ns
-            self.roll_rad = roll_rad
-
-    def on_pitch(self, pitch_rad: float) -> None:
-        """Take the ankle's pitch, rad, that comes with its roll."""
-        if math.isfinite(pitch_rad):
-            self._pitch_rad = pitch_rad
+            self.roll_rad = angles.roll_rad
+        if math.isfinite(angles.pitch_rad):
+            self._pitch_rad = angles.pitch_rad
 
     def deflection_rad(self, time_ns: int) -> float:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
@@ -285,11 +292,6 @@ class ContactInputs:
     def usual_load_n(self) -> float:
         """What the foot usually bears in a stance, N, by load or efforts; 0: not known."""
         return max(self._usual_load_n, self._leg_contact.usual_n)
-
-    def on_pull(self, pull_n: float, time_ns: int) -> None:
-        """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
-        if math.isfinite(pull_n):
-            self._pull_n, self._pull_ns = pull_n, time_ns
 
     def hangs(self, time_ns: int) -> bool | None:
         """Whether, at rest, the leg hangs on its load cell or presses on the ground; None: there is none that says."""
