@@ -20,7 +20,6 @@ from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_controller.conversions import (
     DriverView,
-    Hold,
     contact_event_message,
     contact_state_message,
     driver_view,
@@ -270,7 +269,7 @@ class ControllerNode(LockstepNode):
         self._controller.on_driver(stored(message))
         if not self._driver_reported:
             self._driver_reported = True
-            if self._driver.hold is Hold.STREAM:
+            if self._driver.by_stream:
                 self._controller.inherit_stance()
                 self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
         self._diagnostics.check()

@@ -26,7 +26,6 @@ from jammkle_controller.core.slip import BodyTwist, LegPose
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from jammkle_controller.core.imu import ImuGate, ImuWatch
     from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.core.reading import Received
@@ -81,6 +80,7 @@ class AnkleController:
         self.inputs = ContactInputs(parameters)
         self.mount = parameters.mount
         self._detector = ContactDetector(parameters, ratios)
+        self.gate, self.watch = self._detector.gate, self._detector.watch
         self._policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
         self._stance_held = False
@@ -163,16 +163,16 @@ class AnkleController:
         gate, before_pa = self._detector.gate, self._policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         self._detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
-        events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
+        event = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
             self._forget_contact()
         if gate.last_ns != stamp_before_ns:
             self._policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
-        reported = tuple(event for event in events if self._counts(event))
-        for event in reported:
-            self._react(event)
+        reported = () if event is None or not self._counts(event) else (event,)
+        for each in reported:
+            self._react(each)
         if self._detector.phase is Phase.FLIGHT:
             self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
             self._policy.fall(self._detector.flight_began_ns)
@@ -402,16 +402,6 @@ class AnkleController:
     def feels(self, detection: Detection) -> bool:
         """Whether the IMU, where it is mounted, is used to detect it."""
         return is_felt(self.mount, detection)
-
-    @property
-    def gate(self) -> ImuGate:
-        """What is known of the IMU stream."""
-        return self._detector.gate
-
-    @property
-    def watch(self) -> ImuWatch:
-        """Whether the IMU is believed."""
-        return self._detector.watch
 
     @property
     def phase(self) -> Phase:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S2, METRE, ContactEvent, ContactKind, Detection, Phase, is_felt
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample, ImuWatch
-from jammkle_controller.core.motion import ZERO, Motion, towards
+from jammkle_controller.core.motion import ZERO, Motion, at_lever, dot, integrated, towards, turned
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
 
@@ -30,7 +29,6 @@ RELOADED = 1.05
 STEPPING_S = 1.5
 """So long after an impact on the ground a body may be walking, s: two strides of 0.7 s. It is not watched for slips."""
 
-_NOTHING: tuple[ContactEvent, ...] = ()
 _RELOADED_PROBABILITY = 0.8
 
 
@@ -108,7 +106,7 @@ class ContactDetector:
         if lifted and self.phase not in (Phase.FLIGHT, Phase.SWING):
             self._leave(Phase.SWING, time_ns)
         elif not lifted and self.phase in (Phase.FLIGHT, Phase.SWING):
-            self._impact.note(time_ns)
+            self._impact.last_ns = time_ns
             self._land(time_ns)
 
     def slide(self) -> None:
@@ -130,8 +128,8 @@ class ContactDetector:
         elif borne and self.phase is Phase.SWING:
             self.correct(lifted=False, time_ns=time_ns)
 
-    def update(self, sample: ImuSample, *, stands: bool = False) -> tuple[ContactEvent, ...]:
-        """Take the next sample and return what it decided, oldest first; samples the gate ignores decide nothing.
+    def update(self, sample: ImuSample, *, stands: bool = False) -> ContactEvent | None:
+        """Take the next sample and return what it decided; samples the gate ignores decide nothing.
 
         Args:
             sample: The sample.
@@ -143,16 +141,14 @@ class ContactDetector:
             self.watch.begin_anew()
         believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz, stands=stands)
         if admission in IGNORED:
-            return _NOTHING
+            return None
         if admission is Admission.USABLE:
             self._follow(sample, self.gate.interval_s)
         else:
             self._begin_anew(sample, admission)
         if not believed:
             self._suspend(sample)
-            return _NOTHING
-        if self.phase is Phase.FLIGHT and self.foot is None:
-            return self._fly(sample.time_ns)
+            return None
         if self.phase in (Phase.FLIGHT, Phase.SWING):
             return self._swing_on(sample.time_ns)
         return self._stand(sample, self.gate.interval_s if admission is Admission.USABLE else 0.0)
@@ -167,15 +163,11 @@ class ContactDetector:
     def _begin_anew(self, sample: ImuSample, admission: Admission) -> None:
         """Forget what cannot be compared with the next sample; a flight goes on, its landing may lie in the gap."""
         self.motion = Motion((sample.force_x, sample.force_y, sample.force_z))
-        self._impact.restart(self.motion.force_m_s2)
-        self._liftoff.restart()
-        self._raise.restart()
-        self._rest.restart()
-        self._slip.release()
+        self._forget_what_was_felt()
         if self.foot is not None:
             self.foot.restart()
         if admission is Admission.RESTARTED:
-            self._impact.forget_impacts()
+            self._impact.last_ns = None
             self._unsettled = False
             self._jolted_until_ns = 0
             self._stepped_ns = None
@@ -185,32 +177,29 @@ class ContactDetector:
 
     def _suspend(self, sample: ImuSample) -> None:
         """Forget what was felt on an IMU that is not believed."""
-        self._liftoff.restart()
-        self._raise.restart()
-        self._rest.restart()
-        self._slip.release()
-        self._impact.restart(self.motion.force_m_s2)
+        self._forget_what_was_felt()
         if self.foot is not None:
             self.foot.suspend()
         self._unsettled = False
         self.phase = Phase.GROUND
-        self._impact.note(sample.time_ns)
+        self._impact.last_ns = sample.time_ns
 
-    def _fly(self, time_ns: int) -> tuple[ContactEvent, ...]:
-        impact = self._impact.in_flight(time_ns, self.motion.force_m_s2)
-        if impact is None:
-            return _NOTHING
-        self._land(time_ns)
-        return (impact,)
+    def _forget_what_was_felt(self) -> None:
+        self._impact.restart(self.motion.force_m_s2)
+        self._liftoff.restart()
+        self._raise.restart()
+        self._rest.restart()
+        self._slip.release()
 
-    def _swing_on(self, time_ns: int) -> tuple[ContactEvent, ...]:
-        impact = self._end_of_swing(time_ns)
+    def _swing_on(self, time_ns: int) -> ContactEvent | None:
+        flies = self.phase is Phase.FLIGHT and self.foot is None
+        force = self.motion.force_m_s2
+        impact = self._impact.in_flight(time_ns, force) if flies else self._end_of_swing(time_ns)
         if impact is not None:
-            self._impact.note(time_ns)
+            self._impact.last_ns = time_ns
             self._land(time_ns)
-            return (impact,)
-        swings = None if self.foot is None else self.foot.swinging(time_ns, self.motion)
-        return _NOTHING if swings is None else (swings,)
+            return impact
+        return None if self.foot is None else self.foot.swinging(time_ns, self.motion)
 
     def _end_of_swing(self, time_ns: int) -> ContactEvent | None:
         """Return an impact when what was in the air is hit, or, reported late, stands."""
@@ -234,18 +223,18 @@ class ContactDetector:
             return None
         return ContactEvent(ContactKind.IMPACT, time_ns, force, M_S2, 0.0, _RELOADED_PROBABILITY)
 
-    def _stand(self, sample: ImuSample, interval_s: float) -> tuple[ContactEvent, ...]:
+    def _stand(self, sample: ImuSample, interval_s: float) -> ContactEvent | None:
         time_ns, force = sample.time_ns, self.motion.force_m_s2
         liftoff = self._leaving(time_ns)
         if liftoff is not None:
-            return (liftoff,)
+            return liftoff
         jolted = time_ns < self._jolted_until_ns
         # A foot or shank jumps by itself as it is lifted: there only a swing ends in an impact.
         steps_felt = self.foot is None and self._borne is None
         impact = self._impact.on_ground(time_ns, force, disturbed=jolted) if steps_felt else None
         if impact is not None:
             self._land(time_ns)
-            return (impact,)
+            return impact
         if self.foot is None:
             slip = self._slip.on_ground(sample, interval_s, self.motion, disturbed=jolted)
         else:
@@ -253,7 +242,7 @@ class ContactDetector:
         if slip is not None:
             self.phase = Phase.GROUND
             self._rest.restart()
-            return (slip,)
+            return slip
         return self._come_to_rest(sample)
 
     def _leaving(self, time_ns: int) -> ContactEvent | None:
@@ -276,7 +265,7 @@ class ContactDetector:
         liftoff = self._raise.on_ground(time_ns)
         if liftoff is not None:
             self._leave(Phase.SWING, time_ns)
-            self._raise.raise_it()
+            self._raise.is_raised = True
         return liftoff
 
     def _note_flight(self, liftoff: ContactEvent) -> None:
@@ -307,22 +296,20 @@ class ContactDetector:
         if self.foot is not None:
             self.foot.land(time_ns)
 
-    def _come_to_rest(self, sample: ImuSample) -> tuple[ContactEvent, ...]:
+    def _come_to_rest(self, sample: ImuSample) -> ContactEvent | None:
         time_ns, _, _, _, x, y, z = sample
         if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watching and not self._walks(time_ns):
             self.phase = Phase.GROUND
         if self.phase is Phase.PLANTED:
-            return _NOTHING
+            return None
         rest = self._rest.on_ground(time_ns, self.motion.force_m_s2, x * x + y * y + z * z)
         if rest is None:
-            return _NOTHING
+            return None
         self.phase = Phase.PLANTED
         if not self._slip.watching and not self._walks(time_ns):
             self._slip.plant(sample)
-        if not self._unsettled:
-            return _NOTHING
-        self._unsettled = False
-        return (ContactEvent(ContactKind.SETTLED, time_ns, rest.rms_m_s2, M_S2, rest.lasted_s),)
+        unsettled, self._unsettled = self._unsettled, False
+        return rest if unsettled else None
 
     def _walks(self, time_ns: int) -> bool:
         """Whether it was hit lately without having flown, so that it may be stepping, and slips are not felt in it."""
@@ -362,16 +349,13 @@ class ImpactDetector:
         self._level = 0.0
         self._level_before = 0.0
         self._onset_ns: int | None = None
-        self._last_impact_ns: int | None = None
+        self.last_ns: int | None = None
+        """Stamp of the last impact, be it found here or elsewhere, ns."""
 
     def restart(self, force_m_s2: float) -> None:
         """Forget the level: the next rise is measured from `force_m_s2`."""
         self._level = force_m_s2
         self._onset_ns = None
-
-    def forget_impacts(self) -> None:
-        """Forget when the last impact was: its time belongs to another time line."""
-        self._last_impact_ns = None
 
     def follow(self, time_ns: int, interval_s: float, force_m_s2: float) -> None:
         """Take the next |specific force|. Call it once per sample, before `in_flight` or `on_ground`."""
@@ -408,24 +392,14 @@ class ImpactDetector:
         carried_m_s2 = max(STANDARD_GRAVITY_M_S2, self._level)
         if force_m_s2 - carried_m_s2 <= self.parameters.impact_threshold_m_s2 * (2.0 if disturbed else 1.0):
             return None
-        last_ns = self._last_impact_ns
-        if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
+        if self.last_ns is not None and (time_ns - self.last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
             return None
         return self._impact(time_ns, force_m_s2, _GROUND_PROBABILITY)
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the last impact, ns."""
-        return self._last_impact_ns
-
-    def note(self, time_ns: int) -> None:
-        """Take an impact that was found elsewhere."""
-        self._last_impact_ns = time_ns
 
     def _impact(self, time_ns: int, force_m_s2: float, probability: float) -> ContactEvent:
         onset_ns = time_ns if self._onset_ns is None else self._onset_ns
         level = self._level if self._onset_ns is None else self._level_before
-        self._last_impact_ns = time_ns
+        self.last_ns = time_ns
         return ContactEvent(
             ContactKind.IMPACT,
             time_ns,
@@ -484,14 +458,6 @@ LEAST_REST_SAMPLES = 10
 """A window with fewer samples says nothing of rest."""
 
 
-@dataclass(frozen=True)
-class Rest:
-    """A quiet window: rms of | |specific force| - g |, m/s^2, and how long it lasted, s."""
-
-    rms_m_s2: float
-    lasted_s: float
-
-
 class RestDetector:
     """Slides a window over the stream and says when it is quiet."""
 
@@ -507,8 +473,11 @@ class RestDetector:
         self._force_sum = 0.0
         self._rate_sum = 0.0
 
-    def on_ground(self, time_ns: int, force_m_s2: float, rate_squared: float) -> Rest | None:
-        """Take the next |specific force|, m/s^2, and squared |angular velocity|, rad^2/s^2; return a rest if quiet."""
+    def on_ground(self, time_ns: int, force_m_s2: float, rate_squared: float) -> ContactEvent | None:
+        """Take the next |specific force|, m/s^2, and squared |angular velocity|, rad^2/s^2; return a rest if quiet.
+
+        Its magnitude is the rms of | |specific force| - g |, its delay how long the window lasted.
+        """
         deviation = force_m_s2 - STANDARD_GRAVITY_M_S2
         force_squared = deviation * deviation
         window = self._window
@@ -528,7 +497,7 @@ class RestDetector:
         quiet = force_mean <= SETTLE_RMS_M_S2**2 and rate_mean <= SETTLE_RMS_RAD_S**2
         if not quiet or samples < LEAST_REST_SAMPLES:
             return None
-        return Rest(math.sqrt(force_mean), lasted_s)
+        return ContactEvent(ContactKind.SETTLED, time_ns, math.sqrt(force_mean), M_S2, lasted_s)
 
 
 SMOOTH_TIME_S = 0.05
@@ -587,6 +556,7 @@ class RaiseDetector:
     def disarm(self) -> None:
         """Wait for the next rest: the foot left the ground or came down otherwise."""
         self.is_raised = False
+        """Whether it has been raised: its height is kept while it rests in the air."""
         self._since_rest_s: float | None = None
         self._height_m: float | None = None
 
@@ -625,28 +595,14 @@ class RaiseDetector:
 
     def _up_m_s(self, sample: ImuSample, interval_s: float) -> float:
         """Integrate gravity and velocity; return how fast the sole rises."""
-        _, x, y, z, p, q, r = sample
-        gx, gy, gz = self._gravity
-        gx, gy, gz = (
-            gx + interval_s * (r * gy - q * gz),
-            gy + interval_s * (p * gz - r * gx),
-            gz + interval_s * (q * gx - p * gy),
-        )
-        self._gravity = (gx, gy, gz)
-        vx, vy, vz = self._velocity
-        vx, vy, vz = (
-            vx + interval_s * (r * vy - q * vz + x - gx),
-            vy + interval_s * (p * vz - r * vx + y - gy),
-            vz + interval_s * (q * vx - p * vy + z - gz),
-        )
-        self._velocity = (vx, vy, vz)
-        lx, ly, lz = self.lever_m
-        sx, sy, sz = vx + q * lz - r * ly, vy + r * lx - p * lz, vz + p * ly - q * lx
-        return (sx * gx + sy * gy + sz * gz) / (math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0)
+        self._gravity = turned(self._gravity, sample, interval_s)
+        self._velocity = integrated(self._velocity, self._gravity, sample, interval_s)
+        sole = at_lever(self._velocity, self.lever_m, sample)
+        return dot(sole, self._gravity) / (math.sqrt(dot(self._gravity, self._gravity)) or 1.0)
 
     def _tilt_rad(self) -> float:
         lengths = math.hypot(*self._gravity) * math.hypot(*self._rest)
-        cosine = sum(a * b for a, b in zip(self._gravity, self._rest, strict=True)) / (lengths or 1.0)
+        cosine = dot(self._gravity, self._rest) / (lengths or 1.0)
         return math.acos(min(1.0, max(-1.0, cosine)))
 
     def on_ground(self, time_ns: int) -> ContactEvent | None:
@@ -666,10 +622,6 @@ class RaiseDetector:
         if self._smooth is None or abs(math.hypot(*self._smooth) - STANDARD_GRAVITY_M_S2) > 2.0 * BIAS_M_S2:
             return 0.0
         return self._kept_s
-
-    def raise_it(self) -> None:
-        """Take that it has been raised: its height is kept while it rests in the air."""
-        self.is_raised = True
 
     def set_down(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
         """Return a touch-down, reported late, of what was raised and rests: for longer if not where it rose from."""

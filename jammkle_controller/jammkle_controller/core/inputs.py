@@ -15,6 +15,8 @@ from jammkle_controller.core.slip import SoleSlip
 from jammkle_controller.core.stepping import learned_swing
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.core.leg_contact import AnkleReading, LegReading
     from jammkle_controller.core.slip import BodyTwist, LegPose
@@ -152,6 +154,13 @@ class Input(enum.Enum):
     ODOMETRY = "odometry"
 
 
+_SAYS = {
+    Input.CONTACT_SWITCH: (Source.CONTACT_SWITCH, 1.0),
+    Input.LOAD: (Source.LOAD, 1.0),
+    Input.PLANNED_CONTACT: (Source.GAIT, PLANNED_PROBABILITY),
+    Input.GAIT_PHASE: (Source.GAIT, PLANNED_PROBABILITY),
+}
+"""Source and probability of the events of what says itself whether the foot stands."""
 LEG_SENSORS = (Input.ANKLE, Input.EFFORTS)
 """What feels every step of a foot by itself, the surer first: a toe that grazes the ground makes an effort, too."""
 ANKLE = "ankle"
@@ -195,43 +204,37 @@ class ContactInputs:
 
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
-        shown_by = self.contact_sensor(time_ns)
-        return None if shown_by is None else self._in_contact[shown_by]
+        return self._said_by(self.contact_sensor(time_ns))
 
     def contact_sensor(self, time_ns: int) -> Input | None:
         """Which sensor of contact is believed now; None: there is none."""
-        here = self.received(time_ns)
-        for each in (Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS):
-            if each in here and each in self._in_contact:
-                return each
-        return None
+        return self._first((Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS), time_ns)
 
     def planned_contact(self, time_ns: int) -> bool | None:
         """Whether the gait plans contact now; None: no gait is received."""
-        for each in (Input.PLANNED_CONTACT, Input.GAIT_PHASE):
-            if self._is_recent(each, time_ns):
-                return self._in_contact[each]
-        return None
+        return self._said_by(self._first((Input.PLANNED_CONTACT, Input.GAIT_PHASE), time_ns))
 
     def leg_contact(self, time_ns: int) -> bool | None:
         """Whether the ankle's angles, or else the efforts of the leg, say that the foot stands; None: neither does."""
-        for each in LEG_SENSORS:
-            if each in self._in_contact and self._is_recent(each, time_ns):
-                return self._in_contact[each]
-        return None
+        return self._said_by(self._first(LEG_SENSORS, time_ns))
+
+    def _first(self, inputs: Sequence[Input], time_ns: int) -> Input | None:
+        return next((each for each in inputs if each in self._in_contact and self._is_recent(each, time_ns)), None)
+
+    def _said_by(self, which: Input | None) -> bool | None:
+        return None if which is None else self._in_contact[which]
 
     def shows_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
-        planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.received(time_ns))
-        return bool(planned) or self.measured_contact(time_ns) is not None
+        return self.planned_contact(time_ns) is not None or self.measured_contact(time_ns) is not None
 
     def on_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
         """Take a contact switch."""
-        return self._change(Input.CONTACT_SWITCH, Source.CONTACT_SWITCH, time_ns, 1.0, contact=closed)
+        return self._change(Input.CONTACT_SWITCH, time_ns, contact=closed)
 
     def on_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
         """Take whether the gait plans contact now."""
-        return self._change(Input.PLANNED_CONTACT, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=contact)
+        return self._change(Input.PLANNED_CONTACT, time_ns, contact=contact)
 
     def on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
         """Take the load on the foot, N, positive; a leg that hangs on the cell of its rig pulls, without `use_load`."""
@@ -256,7 +259,7 @@ class ContactInputs:
             return None
         if (time_ns - self._load_side_ns) / NANOSECONDS_PER_SECOND < LOAD_CONFIRM_S:
             return None
-        return self._change(Input.LOAD, Source.LOAD, time_ns, 1.0, contact=stands)
+        return self._change(Input.LOAD, time_ns, contact=stands)
 
     def on_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
         """Take the gait's phase: 0 at touch-down, 1 at the next.
@@ -266,8 +269,7 @@ class ContactInputs:
         if not 0.0 <= phase <= 1.0:
             return None
         self.gait.on_phase(phase, time_ns)
-        stands = phase < self.parameters.stance_share
-        change = self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
+        change = self._change(Input.GAIT_PHASE, time_ns, contact=phase < self.parameters.stance_share)
         return None if self._is_recent(Input.PLANNED_CONTACT, time_ns) else change
 
     def on_angles(self, angles: AnkleAngles, time_ns: int) -> None:
@@ -342,10 +344,9 @@ class ContactInputs:
 
     def _note_sole(self, slip: ContactEvent | None, time_ns: int) -> ContactEvent | None:
         """Note that the odometry is received: once it has given a speed of the sole."""
-        if self.sole is not None and self.sole.paired_ns is not None:
-            if self.sole.paired_ns != self._paired_ns:
-                self._received_ns[Input.ODOMETRY] = time_ns
+        if self.sole is not None and self.sole.paired_ns not in {None, self._paired_ns}:
             self._paired_ns = self.sole.paired_ns
+            self._received_ns[Input.ODOMETRY] = time_ns
         return slip
 
     def is_another_foots(self, time_ns: int) -> bool:
@@ -360,12 +361,11 @@ class ContactInputs:
         silent_s = PLAN_SILENT_S if which is Input.PLANNED_CONTACT else SILENT_S
         return abs(time_ns - at_ns) < silent_s * NANOSECONDS_PER_SECOND
 
-    def _change(
-        self, which: Input, source: Source, time_ns: int, probability: float, *, contact: bool
-    ) -> ContactEvent | None:
+    def _change(self, which: Input, time_ns: int, *, contact: bool) -> ContactEvent | None:
         self._received_ns[which] = time_ns
         before = self._in_contact.get(which)
         self._in_contact[which] = contact
         if before is None or before is contact:
             return None
+        source, probability = _SAYS[which]
         return ContactEvent(CHANGES[contact], time_ns, 1.0, NO_UNIT, 0.0, probability, source)

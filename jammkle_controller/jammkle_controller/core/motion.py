@@ -38,6 +38,33 @@ def towards(a: Vector, b: Vector, share: float) -> Vector:
     return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)
 
 
+def turned(a: Vector, sample: ImuSample, interval_s: float) -> Vector:
+    """Return what a vector that stays as it is in the world becomes in the frame of an IMU that turns: a' = -w x a."""
+    x, y, z = a
+    _, _, _, _, p, q, r = sample
+    return (x + interval_s * (r * y - q * z), y + interval_s * (p * z - r * x), z + interval_s * (q * x - p * y))
+
+
+def integrated(velocity: Vector, gravity: Vector, sample: ImuSample, interval_s: float) -> Vector:
+    """Return the velocity of an IMU in its own frame after an interval: v' = -w x v + f - g."""
+    vx, vy, vz = velocity
+    gx, gy, gz = gravity
+    _, x, y, z, p, q, r = sample
+    return (
+        vx + interval_s * (r * vy - q * vz + x - gx),
+        vy + interval_s * (p * vz - r * vx + y - gy),
+        vz + interval_s * (q * vx - p * vy + z - gz),
+    )
+
+
+def at_lever(velocity: Vector, lever_m: Vector, sample: ImuSample) -> Vector:
+    """Return the velocity of what is rigidly at a lever from the IMU: v + w x lever."""
+    vx, vy, vz = velocity
+    lx, ly, lz = lever_m
+    _, _, _, _, p, q, r = sample
+    return (vx + q * lz - r * ly, vy + r * lx - p * lz, vz + p * ly - q * lx)
+
+
 LOAD_TIME_S = 0.01
 """Time constant of the load, s: above the ringing of a foot (30 Hz and more), below a step."""
 STILL_TIME_S = 0.03
@@ -115,15 +142,12 @@ class Motion:
 
     def _follow_gravity(self, sample: ImuSample, interval_s: float) -> None:
         """Turn gravity with the body, g' = -w x g, and pull it to the accelerometer: r' = -w x r + (f - r) / T."""
-        _, x, y, z, p, q, r = sample
-        gx, gy, gz = self.gravity
         follow_s = STILL_GRAVITY_TIME_S if self.is_still else GRAVITY_TIME_S
         follow = interval_s / (interval_s + follow_s)
-        self.gravity = (
-            gx + interval_s * (r * gy - q * gz) + (x - gx) * follow,
-            gy + interval_s * (p * gz - r * gx) + (y - gy) * follow,
-            gz + interval_s * (q * gx - p * gy) + (z - gz) * follow,
-        )
+        _, x, y, z, _, _, _ = sample
+        gx, gy, gz = self.gravity
+        tx, ty, tz = turned(self.gravity, sample, interval_s)
+        self.gravity = (tx + (x - gx) * follow, ty + (y - gy) * follow, tz + (z - gz) * follow)
 
     @property
     def is_still(self) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind, Source
-from jammkle_controller.core.motion import ZERO, Vector, combine, cross, dot, towards
+from jammkle_controller.core.motion import ZERO, Vector, combine, cross, dot, towards, turned
 from jammkle_controller.core.stepping import probability_of
 
 if TYPE_CHECKING:
@@ -165,8 +165,7 @@ class SlipDetector:
     def _follow_step(self, sample: ImuSample, interval_s: float, motion: Motion) -> ContactEvent | None:
         onset_ns = self._onset_ns or sample.time_ns
         # The level before the step turns against the body, r' = -w x r: a body that tilts does not slide.
-        turned = cross(self._level, (sample.rate_x, sample.rate_y, sample.rate_z))
-        self._level = combine(1.0, self._level, interval_s, turned)
+        self._level = turned(self._level, sample, interval_s)
         excess = (sample.force_x - self._level[0], sample.force_y - self._level[1], sample.force_z - self._level[2])
         self._integrate(sample, interval_s, excess)
         lasted_s = (sample.time_ns - onset_ns) / NANOSECONDS_PER_SECOND
@@ -205,21 +204,20 @@ class SlipDetector:
 
     def _integrate(self, sample: ImuSample, interval_s: float, excess: Vector) -> None:
         rate = (sample.rate_x, sample.rate_y, sample.rate_z)
-        turned = cross(self._velocity, rate)
+        across = cross(self._velocity, rate)
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
         vx, vy, vz = self._velocity
         self._velocity = (
-            keep * (vx + interval_s * (turned[0] + excess[0])),
-            keep * (vy + interval_s * (turned[1] + excess[1])),
-            keep * (vz + interval_s * (turned[2] + excess[2])),
+            keep * (vx + interval_s * (across[0] + excess[0])),
+            keep * (vy + interval_s * (across[1] + excess[1])),
+            keep * (vz + interval_s * (across[2] + excess[2])),
         )
         self._turn_speed = cross(rate, self.lever_m)
         if self._begun_turn is None:
             self._begun_turn = self._turn_speed
 
     def _sole_velocity(self) -> Vector:
-        begun = self._begun_turn or ZERO
-        gained = combine(1.0, self._turn_speed, -1.0, begun)
+        gained = combine(1.0, self._turn_speed, -1.0, self._begun_turn or ZERO)
         return combine(1.0, self._velocity, 1.0, gained)
 
     def _told(
@@ -418,7 +416,8 @@ class SoleSlip:
         self._waiting: BodyTwist | None = None
         self._twist: BodyTwist | None = None
         self._changed_ns = 0
-        self._paired_ns: int | None = None
+        self.paired_ns: int | None = None
+        """Stamp of the latest speed of the sole that is known; None: none yet."""
         self._rest()
 
     def _rest(self) -> None:
@@ -427,11 +426,6 @@ class SoleSlip:
         self._since_ns = 0
         self._slides = False
         self._quiet_s = 0.0
-
-    @property
-    def paired_ns(self) -> int | None:
-        """Stamp of the latest speed of the sole that is known; None: none yet."""
-        return self._paired_ns
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take the leg at a time, and whether its foot stands then; None: that is not known."""
@@ -482,7 +476,7 @@ class SoleSlip:
             stands = stands if stands is None or stood is None else stands and stood
         if stands is None:
             return None
-        before_ns, self._paired_ns = self._paired_ns, twist.time_ns
+        before_ns, self.paired_ns = self.paired_ns, twist.time_ns
         self.counts.used += 1
         elapsed_s = 0.0 if before_ns is None else (twist.time_ns - before_ns) / NANOSECONDS_PER_SECOND
         if not stands or not 0.0 < elapsed_s <= LONGEST_S:
