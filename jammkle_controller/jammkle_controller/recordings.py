@@ -7,6 +7,7 @@ the graph.
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 from dataclasses import dataclass, field
@@ -51,9 +52,14 @@ class Recording:
     reference: list[tuple[int, float]] = field(default_factory=list)
     """Times, ns, and values of a force or switch that is drawn beside, and not used."""
 
+    @functools.cached_property
     def samples(self) -> list[ImuSample]:
-        """Return the samples of the IMU alone."""
+        """The samples of the IMU alone."""
         return [each.what for each in self.received if isinstance(each.what, ImuSample)]
+
+    def at_s(self, time_ns: int) -> float:
+        """Return a time from the first of them on, s."""
+        return (time_ns - self.samples[0].time_ns) / NANOSECONDS_PER_SECOND
 
 
 @dataclass(frozen=True)

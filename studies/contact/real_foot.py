@@ -93,7 +93,7 @@ def real_foot(path: Path, best: Mapping[tuple[str, str], str]) -> RealFoot:
     """
     layout = TableFormat(("2", "3", "4"), ("5", "6", "7"), force_unit="g", rate_unit="deg/s", rate_hz=IMU_HZ)
     recording = read_table(path, layout)
-    samples = recording.samples()
+    samples = recording.samples
     force = read_force(path)
     force_time_s = np.arange(len(force)) / FORCE_HZ
     imu = np.array(samples, dtype=float)
