@@ -33,7 +33,7 @@ from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import travel_m
 from jammkle_controller.core.leg import leg_of
-from jammkle_controller.core.reading import imu_sample, imu_sample_of, load_n_of, received_in
+from jammkle_controller.core.reading import imu_sample_of, load_n_of, received_in
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing
@@ -151,11 +151,10 @@ class ControllerNode(LockstepNode):
 
     def _on_imu(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.IMU_DOUBLES)
-        if measured is not None:
-            self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
+        if measured is None:
+            self._on_input(names.IMU, deserialize_message(serialized, Imu))
             return
-        message = deserialize_message(serialized, Imu)
-        self._take(self._controller.update(imu_sample(message)), message.header.frame_id)
+        self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
 
     def _on_load(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.WRENCH_DOUBLES)

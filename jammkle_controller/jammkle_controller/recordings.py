@@ -24,7 +24,6 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg import leg_of
 from jammkle_controller.core.reading import Received, received_in
-from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
     from jammkle_controller.core.leg import Leg
+    from jammkle_controller.parameters import ControllerParameters
 
 FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
@@ -88,9 +88,7 @@ class TableFormat:
     delimiter: str = ","
 
 
-def read_bag(
-    path: Path, topic: str = "", namespace: str = "/", parameters: ControllerParameters | None = None
-) -> Recording:
+def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParameters) -> Recording:
     """Read a bag with an IMU.
 
     Args:
@@ -103,7 +101,6 @@ def read_bag(
         InputError: unreadable; no IMU, or several and no topic; a leg is needed, and not described.
 
     """
-    parameters = parameters or ControllerParameters()
     shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
         imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)

@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
+from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import (
     Contact,
     ContactEvent,
@@ -20,6 +20,7 @@ from jammkle_controller.core.events import (
 from jammkle_controller.core.imu import Admission, ImuSample, ImuTrouble
 from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rhythm
 from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.motion import PUT_DOWN_S
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 from jammkle_controller.core.slip import BodyTwist, LegPose
 

@@ -76,9 +76,7 @@ class GaitPhase:
         self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
-        """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
-        if not 0.0 <= phase <= 1.0:
-            return
+        """Take the phase, 0 to 1, at a time, ns."""
         if self._time_ns is not None and 0 < time_ns - self._time_ns < self.SILENT_S * NANOSECONDS_PER_SECOND:
             gained = (phase - self._phase) % 1.0
             rate_hz = gained * NANOSECONDS_PER_SECOND / (time_ns - self._time_ns)
