@@ -462,26 +462,25 @@ class ImuWatch:
         n = (sample.force_x / force, sample.force_y / force, sample.force_z / force)
         w = (sample.rate_x, sample.rate_y, sample.rate_z)
         claim = (n[1] * w[2] - n[2] * w[1], n[2] * w[0] - n[0] * w[2], n[0] * w[1] - n[1] * w[0])
-        if self._direction is None:
-            self._direction = n
         share = interval_s / (interval_s + TURN_TIME_S)
         self._unrest_m_s2 += (abs(force - STANDARD_GRAVITY_M_S2) - self._unrest_m_s2) * share
-        d, c = self._direction, self._claimed
+        d, c = self._direction or n, self._claimed
         d = (d[0] + (n[0] - d[0]) * share, d[1] + (n[1] - d[1]) * share, d[2] + (n[2] - d[2]) * share)
         c = (c[0] + (claim[0] - c[0]) * share, c[1] + (claim[1] - c[1]) * share, c[2] + (claim[2] - c[2]) * share)
         self._direction, self._claimed = d, c
+        claimed_squared = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
         keep = 1.0 - interval_s / (interval_s + TURN_FORGETTING_S)
         self._claimed_squared *= keep
         self._shown *= keep
         if self._unrest_m_s2 < QUIET_M_S2:
             turns = ((n[0] - d[0]) / TURN_TIME_S, (n[1] - d[1]) / TURN_TIME_S, (n[2] - d[2]) / TURN_TIME_S)
-            self._claimed_squared += interval_s * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+            self._claimed_squared += interval_s * claimed_squared
             self._shown += interval_s * (c[0] * turns[0] + c[1] * turns[1] + c[2] * turns[2])
         most = TURN_EVIDENCE_RAD2_S * MOST_EVIDENCE
         if self._claimed_squared > most:
             self._shown *= most / self._claimed_squared
             self._claimed_squared = most
-        if self._claimed_squared < TURN_EVIDENCE_RAD2_S or c[0] * c[0] + c[1] * c[1] + c[2] * c[2] < CLAIM_RAD_S**2:
+        if self._claimed_squared < TURN_EVIDENCE_RAD2_S or claimed_squared < CLAIM_RAD_S**2:
             return None
         ratio = self._shown / self._claimed_squared
         if ratio < LARGEST_OPPOSED_RATIO:

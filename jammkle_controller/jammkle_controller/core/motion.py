@@ -114,10 +114,7 @@ class Motion:
         """Take the next sample, `interval_s` after the one before."""
         _, x, y, z, p, q, r = sample
         self.force_m_s2 = force = math.sqrt(x * x + y * y + z * z)
-        share = interval_s / (interval_s + SHARP_TIME_S)
-        sx, sy, sz = self._slow
-        sx, sy, sz = sx + (x - sx) * share, sy + (y - sy) * share, sz + (z - sz) * share
-        self._slow = (sx, sy, sz)
+        self._slow = sx, sy, sz = towards(self._slow, (x, y, z), interval_s / (interval_s + SHARP_TIME_S))
         self.sharp = (x - sx, y - sy, z - sz)
         sharp_squared = (x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2
         self.sharp_m_s2 = math.sqrt(sharp_squared)
@@ -129,11 +126,8 @@ class Motion:
         self._load_m_s2 += (force - self._load_m_s2) * share
         self._sharpness += (sharp_squared - self._sharpness) * share
         share = interval_s / (interval_s + STILL_TIME_S)
-        mx, my, mz = self._mean
-        mx, my, mz = mx + (x - mx) * share, my + (y - my) * share, mz + (z - mz) * share
-        self._mean = (mx, my, mz)
-        length = math.sqrt(mx * mx + my * my + mz * mz) or 1.0
-        scale = STANDARD_GRAVITY_M_S2 / length
+        self._mean = mx, my, mz = towards(self._mean, (x, y, z), share)
+        scale = STANDARD_GRAVITY_M_S2 / (math.sqrt(dot(self._mean, self._mean)) or 1.0)
         unrest = (x - scale * mx) ** 2 + (y - scale * my) ** 2 + (z - scale * mz) ** 2
         turning = p * p + q * q + r * r
         self._unrest += (unrest - self._unrest) * share
@@ -188,15 +182,13 @@ class Motion:
         whether the blow comes from below.
         """
         sharp = self.sharp_m_s2
-        gx, gy, gz = self.gravity
-        along = self.sharp[0] * gx + self.sharp[1] * gy + self.sharp[2] * gz
         return (
             math.log10(0.1 + sharp),
             math.log10(0.1 + self.sharp_ratio),
             math.log10(_RATE_FLOOR + self._turning),
             math.log10(_FORCE_FLOOR + self._long_unrest),
             min(0.6, swung_s),
-            along / (sharp * math.sqrt(gx * gx + gy * gy + gz * gz) + 1e-9),
+            dot(self.sharp, self.gravity) / (sharp * math.sqrt(dot(self.gravity, self.gravity)) + 1e-9),
         )
 
 

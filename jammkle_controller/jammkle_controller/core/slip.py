@@ -246,6 +246,7 @@ LEVEL_M = 0.003
 off the ground's own slope sees those of a foot of 0.1 m so far apart."""
 
 _Frame = tuple[Vector, Vector, Vector]
+_X, _Y, _Z = 0, 1, 2
 _UPRIGHT: _Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -289,32 +290,33 @@ def sole_velocity_m_s(leg: Leg, pose: LegPose, twist: BodyTwist) -> Vector:
     for Legged Robots on Unstable and Slippery Terrain", IROS 2013, solved for the foot). It stands on its lowest
     corners: what it turns about is not sliding. Where the ankle is not measured the sole is taken to be its joint.
     """
-    turning = twist.angular_rad_s
-    speed = _plus(twist.linear_m_s, cross(turning, leg.hip_m))
-    frame = _about_x(_UPRIGHT, pose.abduction_rad)
-    turning = _grown(turning, frame[0], pose.abduction_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[1], leg.offset_m)))
-    frame = _about_y(frame, pose.hip_rad)
-    turning = _grown(turning, frame[1], pose.hip_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[2], -leg.thigh_m)))
-    frame = _about_y(frame, pose.knee_rad)
-    turning = _grown(turning, frame[1], pose.knee_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[2], -leg.shank_m)))
+    turning, frame = twist.angular_rad_s, _UPRIGHT
+    speed = combine(1.0, twist.linear_m_s, 1.0, cross(turning, leg.hip_m))
+    for axis, angle_rad, rate_rad_s, along, length_m in (
+        (_X, pose.abduction_rad, pose.abduction_rad_s, _Y, leg.offset_m),
+        (_Y, pose.hip_rad, pose.hip_rad_s, _Z, -leg.thigh_m),
+        (_Y, pose.knee_rad, pose.knee_rad_s, _Z, -leg.shank_m),
+    ):
+        frame = _turned(frame, axis, angle_rad)
+        turning = combine(1.0, turning, rate_rad_s, frame[axis])
+        link = combine(length_m, frame[along], 0.0, ZERO)
+        speed = combine(1.0, speed, 1.0, cross(turning, link))
     if not math.isfinite(sum((*pose[3:6], *pose[9:12]))):
         return speed
-    turning = _grown(turning, frame[1], pose.pitch_rad_s)
-    frame = _about_y(frame, leg.lean_rad + pose.pitch_rad)
-    turning = _grown(turning, frame[0], pose.roll_rad_s)
-    frame = _about_x(frame, pose.roll_rad)
-    turning = _grown(turning, frame[2], pose.yaw_rad_s)
-    return _plus(speed, cross(turning, _stood_on(leg, _about_z(frame, pose.yaw_rad))))
+    for axis, angle_rad, rate_rad_s in (
+        (_Y, leg.lean_rad + pose.pitch_rad, pose.pitch_rad_s),
+        (_X, pose.roll_rad, pose.roll_rad_s),
+        (_Z, pose.yaw_rad, pose.yaw_rad_s),
+    ):
+        frame = _turned(frame, axis, angle_rad)
+        turning = combine(1.0, turning, rate_rad_s, frame[axis])
+    return combine(1.0, speed, 1.0, cross(turning, _stood_on(leg, frame)))
 
 
 def _stood_on(leg: Leg, foot: _Frame) -> Vector:
     """Return the middle of the lowest corners, from the ankle's joint."""
-    down = _scaled(foot[2], -leg.sole_m)
     corners = [
-        _grown(_grown(down, foot[0], forward_m), foot[1], left_m)
+        combine(1.0, combine(-leg.sole_m, foot[_Z], forward_m, foot[_X]), left_m, foot[_Y])
         for forward_m in (leg.toe_m, -leg.heel_m)
         for left_m in (leg.half_width_m, -leg.half_width_m)
     ]
@@ -325,34 +327,14 @@ def _stood_on(leg: Leg, foot: _Frame) -> Vector:
     return (x, y, z)
 
 
-def _about_x(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
+def _turned(frame: _Frame, axis: int, angle_rad: float) -> _Frame:
+    """Return a frame turned about one of its own axes."""
     sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return x, _grown(_scaled(y, cosine), z, sine), _grown(_scaled(z, cosine), y, -sine)
-
-
-def _about_y(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
-    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return _grown(_scaled(x, cosine), z, -sine), y, _grown(_scaled(z, cosine), x, sine)
-
-
-def _about_z(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
-    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return _grown(_scaled(x, cosine), y, sine), _grown(_scaled(y, cosine), x, -sine), z
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _scaled(a: Vector, by: float) -> Vector:
-    return (a[0] * by, a[1] * by, a[2] * by)
-
-
-def _grown(a: Vector, b: Vector, by: float) -> Vector:
-    return (a[0] + b[0] * by, a[1] + b[1] * by, a[2] + b[2] * by)
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    axes = [*frame]
+    axes[following] = combine(cosine, frame[following], sine, frame[last])
+    axes[last] = combine(cosine, frame[last], -sine, frame[following])
+    return axes[0], axes[1], axes[2]
 
 
 LEAST_SPREAD_M_S = 0.012

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.motion import ZERO, at_lever, integrated
+from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -237,9 +237,6 @@ class SoleFilter:
     the features of the motion and the probability of swing: a foot that is lifted gains speed upward and turns.
     """
 
-    NAMES = ("unrest", "turning", "sharpness", "load", "long unrest", "speed", "upward", "swing", "since landing")
-    """Of the features."""
-
     def __init__(self, ratio: DensityRatio, *, gives: bool = False) -> None:
         """Take the ratio of the densities of `features` while a foot slides, and while it stands or is being lifted.
 
@@ -292,13 +289,11 @@ class SoleFilter:
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
         vx, vy, vz = integrated(self._velocity, motion.gravity, sample, interval_s)
         self._velocity = (keep * vx, keep * vy, keep * vz)
-        sx, sy, sz = at_lever(self._velocity, self.lever_m, sample)
-        self.speed_m_s = speed = math.sqrt(sx * sx + sy * sy + sz * sz)
+        sole = at_lever(self._velocity, self.lever_m, sample)
+        self.speed_m_s = speed = math.sqrt(dot(sole, sole))
         scale = 1.0 / (speed + 1e-9)
-        self.direction = (sx * scale, sy * scale, sz * scale)
-        gx, gy, gz = motion.gravity
-        weight = math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0
-        self.upward = (self.direction[0] * gx + self.direction[1] * gy + self.direction[2] * gz) / weight
+        self.direction = (sole[0] * scale, sole[1] * scale, sole[2] * scale)
+        self.upward = dot(self.direction, motion.gravity) / (math.sqrt(dot(motion.gravity, motion.gravity)) or 1.0)
 
     def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:
         """Return what the probability is made of."""
