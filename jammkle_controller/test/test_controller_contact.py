@@ -143,7 +143,6 @@ def test_contact_is_reported_and_a_soft_stance_with_the_way_back(make_bench: Cal
     bench = make_bench()
     reported: list[ContactState] = []
     bench.node.create_subscription(ContactState, CONTACT_STATE.name, reported.append, subscriber_qos(CONTACT_STATE))
-    bench.wait_until_up()
     bench.spin_until(lambda: reported[-1:] != [] and reported[-1].contact == ContactState.UNKNOWN, "unknown at first")
     bench.driver_says(JamState(channels=[ChannelJamState(channel=channel) for channel in CHANNELS]))
     bench.land()

@@ -137,7 +137,8 @@ class ContactDetector:
         admission = self.gate.admit(sample)
         if admission is Admission.RESTARTED or (admission is Admission.AFTER_GAP and self.gate.interval_s > LONG_GAP_S):
             self.watch.begin_anew()
-        believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz, stands=stands)
+        rates_hz = self.gate.rate_hz, self.gate.published_hz
+        believed = self.watch.observe(sample, admission, rates_hz, stands=stands)
         if admission in IGNORED:
             return None
         if admission is Admission.USABLE:

@@ -312,8 +312,7 @@ class ImuWatch:
         self,
         sample: ImuSample,
         admission: Admission,
-        rate_hz: float,
-        published_hz: float = 0.0,
+        rates_hz: tuple[float, float],
         *,
         stands: bool = False,
     ) -> bool:
@@ -322,13 +321,12 @@ class ImuWatch:
         Args:
             sample: The sample.
             admission: What the gate said.
-            rate_hz: Of readings that differ, Hz; 0: not known.
-            published_hz: Of stamps, with readings that are repeated, Hz; 0: as `rate_hz`.
+            rates_hz: Of readings that differ, and of stamps, with readings that are repeated, Hz; 0: not known.
             stands: Whether the foot is known to stand.
 
         """
         if self.trouble is not ImuTrouble.RATE:
-            self._rates_hz = (rate_hz, published_hz)
+            self._rates_hz = rates_hz
         time_ns = sample.time_ns
         if admission in BAD:
             self._bad_share += (1.0 - self._bad_share) / BAD_MEMORY
@@ -351,7 +349,7 @@ class ImuWatch:
         if self._zeros >= DEAD_SAMPLES:
             seen: ImuTrouble | None = ImuTrouble.DEAD
         else:
-            seen = self._held(time_ns) if held else self._fresh(sample, interval_s, rate_hz, published_hz)
+            seen = self._held(time_ns) if held else self._fresh(sample, interval_s, rates_hz)
         if seen is None and (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < CHECK_S:
             seen = ImuTrouble.CHECKING
         if seen is not None:
@@ -401,7 +399,7 @@ class ImuWatch:
             return ImuTrouble.FROZEN
         return None if self._seen is ImuTrouble.CHECKING else self._seen
 
-    def _fresh(self, sample: ImuSample, interval_s: float, rate_hz: float, published_hz: float) -> ImuTrouble | None:
+    def _fresh(self, sample: ImuSample, interval_s: float, rates_hz: tuple[float, float]) -> ImuTrouble | None:
         x, y, z = sample.force_x, sample.force_y, sample.force_z
         force = math.sqrt(x * x + y * y + z * z)
         # A mean of what was seen so far, until it is believed: who begins to look in mid-air has landed soon, and who
@@ -417,17 +415,17 @@ class ImuWatch:
             return ImuTrouble.TOO_LARGE
         if self._is_clipped((x, y, z), interval_s):
             return ImuTrouble.CLIPPED
-        if rate_hz > 0.0 and self._is_off(rate_hz, published_hz, sample.time_ns):
+        if self._is_off(rates_hz, seen_s):
             return ImuTrouble.RATE
         return self._turning(sample, force, interval_s)
 
-    def _is_off(self, rate_hz: float, published_hz: float, time_ns: int) -> bool:
+    def _is_off(self, rates_hz: tuple[float, float], seen_s: float) -> bool:
         """Whether readings are too few, or neither they nor what is published come at the configured rate."""
-        if self._begin_ns is None or (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < LEVEL_TIME_S:
+        if rates_hz[0] <= 0.0 or seen_s < LEVEL_TIME_S:
             return False
         wanted_hz = self.parameters.imu_rate_hz
-        fits = any(wanted_hz / RATE_RATIO <= each <= wanted_hz * RATE_RATIO for each in (rate_hz, published_hz))
-        return rate_hz < LEAST_RATE_HZ or (wanted_hz > 0.0 and not fits)
+        fits = any(wanted_hz / RATE_RATIO <= each <= wanted_hz * RATE_RATIO for each in rates_hz)
+        return rates_hz[0] < LEAST_RATE_HZ or (wanted_hz > 0.0 and not fits)
 
     def _is_clipped(self, force: tuple[float, float, float], interval_s: float) -> bool:
         """Learn the range as the largest value that comes again and again exactly, and count what reads it."""

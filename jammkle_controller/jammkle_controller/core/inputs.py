@@ -161,8 +161,6 @@ _SAYS = {
 """Source and probability of the events of what says itself whether the foot stands."""
 LEG_SENSORS = (Input.ANKLE, Input.EFFORTS)
 """What feels every step of a foot by itself, the surer first: a toe that grazes the ground makes an effort, too."""
-ANKLE = "ankle"
-"""Name of the learned ratio of the ankle's angles."""
 
 
 class ContactInputs:
@@ -185,7 +183,7 @@ class ContactInputs:
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
         self._ankle_contact = (
-            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad) if parameters.takes_blows else None
+            AnkleContact(learned_swing("ankle"), parameters.hang_pitch_rad) if parameters.takes_blows else None
         )
         self.sole: SoleSlip | None = None
 

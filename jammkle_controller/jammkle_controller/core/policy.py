@@ -236,9 +236,9 @@ class JammingPolicy:
             self._given_up_ns, self._touchdown_ns = self._touchdown_ns, None
             self._take(Trigger.MISSED)
 
-    def foresee(self, touchdown_ns: int | None) -> None:
-        """Take when the next touch-down is expected, ns; None: not known. One that is prepared is waited for first."""
-        if self.state is not PolicyState.PREPARING or touchdown_ns is None:
+    def foresee(self, touchdown_ns: int) -> None:
+        """Take when the next touch-down is expected, ns. One that is prepared is waited for first."""
+        if self.state is not PolicyState.PREPARING:
             self._touchdown_ns = touchdown_ns
 
     def bear(self, load_kg: float) -> None:
