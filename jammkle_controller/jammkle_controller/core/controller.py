@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 FALLING = 0.5
 """Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
 LEANING_RAD = 0.035
-"""Roll of the ankle from which on it shows the side that yields, rad: 2 deg, beyond its play."""
+"""Roll of the ankle from which on it says which side yields in a slip, rad: 2 deg, beyond its play."""
 HELD_REST_S = PUT_DOWN_S
 """At rest for so long, and with nothing that shows it hanging, the ankle is held, s: no hand is as still."""
 DEFLECTED_RAD = 0.05
@@ -352,8 +352,10 @@ class AnkleController:
         return True
 
     def _react(self, event: ContactEvent) -> None:
-        if event.kind is ContactKind.SLIP and self.inputs.roll_rad is not None:
-            event = self._leaning(event, self.inputs.roll_rad)
+        roll_rad = self.inputs.roll_rad or 0.0
+        if event.kind is ContactKind.SLIP and abs(roll_rad) >= LEANING_RAD:
+            # A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
+            event = dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
         self._policy.react(event)
         contact = _CONTACT_OF.get(event.kind)
         if contact is not None:
@@ -366,16 +368,6 @@ class AnkleController:
             self._rhythm.land(event.time_ns)
             if event.source is not Source.GAIT:
                 self.inputs.gait.feel(event.time_ns)
-
-    @staticmethod
-    def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:
-        """Let the ankle's own roll say which side yields, where it does.
-
-        A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
-        """
-        if abs(roll_rad) < LEANING_RAD:
-            return event
-        return dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
 
     def _foresee(self, time_ns: int) -> None:
         planned_ns = self.inputs.gait.touchdown_ns(time_ns)
