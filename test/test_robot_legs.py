@@ -11,7 +11,7 @@ import pytest
 
 from jammkle_common.command.main import main
 from jammkle_controller.core.events import ContactKind
-from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.core.leg import leg_of
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import read_bag, replay
 from jammkle_sim.physics.ankle import AnkleParameters

@@ -48,7 +48,6 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
 ) -> int:
     """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
     from jammkle_common.names import normalised
-    from jammkle_controller.detect import DetectRequest
     from jammkle_controller.detect import detect as run
     from jammkle_controller.recordings import TableFormat
 
@@ -63,7 +62,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
         delimiter=delimiter,
     )
     changed = (f"imu_mount={mount}", *(settings or ()))
-    return run(DetectRequest(recording, output, json, topic, normalised(namespace), layout, changed))
+    return run(recording, changed, layout, topic=topic, namespace=normalised(namespace), output=output, json=json)
 
 
 def _listed(text: str) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ Units agree on both sides (SI, and vacuum is gauge and positive in both), so onl
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -95,15 +94,6 @@ def landing_message(landing: Landing, travel_m: float) -> LandingMessage:
     return message
 
 
-class Hold(enum.Enum):
-    """Why channels are, or were, jammed."""
-
-    NOBODY = "nobody"
-    """Nothing is held by jam_command."""
-    STREAM = "stream"
-    """jam_command holds, or held until it fell silent."""
-
-
 @dataclass(frozen=True)
 class DriverView:
     """What the driver reported last.
@@ -115,7 +105,7 @@ class DriverView:
         unfollowed: Channels that are not asked to jam, with the reason; by name.
         by_hand: Channels that somebody has vented by a service; they follow the next change of set points.
         stopped: Whether an emergency stop holds.
-        hold: Whether jam_command holds, or held until it fell silent.
+        by_stream: Whether jam_command holds, or held until it fell silent.
         faulty: Channels in FAULT, which follow nothing before `~/clear_fault`.
 
     """
@@ -126,7 +116,7 @@ class DriverView:
     unfollowed: tuple[tuple[str, str], ...] = ()
     by_hand: tuple[str, ...] = ()
     stopped: bool = False
-    hold: Hold = Hold.NOBODY
+    by_stream: bool = False
     faulty: tuple[str, ...] = ()
 
     @property
@@ -181,7 +171,7 @@ def driver_view(message: JamState) -> DriverView:
         unfollowed=tuple((each.channel, each.reason) for each in vented if each.channel not in by_hand),
         by_hand=by_hand,
         stopped=message.emergency_stopped,
-        hold=Hold.STREAM if by_stream else Hold.NOBODY,
+        by_stream=by_stream,
         faulty=tuple(each.channel for each in message.channels if each.state == ChannelJamState.FAULT),
     )
 

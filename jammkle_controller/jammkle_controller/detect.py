@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
@@ -17,12 +16,13 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.parameters import ControllerParameters, Mount
-from jammkle_controller.recordings import Recording, Replay, TableFormat, read_bag, read_table, replay
+from jammkle_controller.recordings import read_bag, read_table, replay
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from jammkle_controller.recordings import Recording, Replay
+    from jammkle_controller.recordings import Recording, Replay, TableFormat
 
 _KPA = 1e3
 
@@ -34,9 +34,8 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
         OSError: it cannot be written.
 
     """
-    samples = recording.samples()
-    rows = np.array(samples, dtype=float)
-    time_s = np.array([sample.time_ns - samples[0].time_ns for sample in samples]) / NANOSECONDS_PER_SECOND
+    rows = np.array(recording.samples, dtype=float)
+    time_s = [recording.at_s(sample.time_ns) for sample in recording.samples]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11.0, 8.0), layout="constrained")
         force, rate, swing, vacuum = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 1.5, 1.5))
@@ -46,46 +45,35 @@ def draw(recording: Recording, replay: Replay, path: Path) -> None:
         rate.set_ylabel("|angular velocity|\n[rad/s]")
         for kind in ContactKind:
             colour = EVENT_COLOURS[kind.name]
-            times = [_seconds(event.time_ns, samples[0].time_ns) for event in replay.events if event.kind is kind]
+            times = [recording.at_s(event.time_ns) for event in replay.events if event.kind is kind]
             for axes in (force, rate):
                 for index, at_s in enumerate(times):
                     axes.axvline(at_s, color=colour, linewidth=0.9, label=None if index else kind.value)
         if force.get_legend_handles_labels()[0]:
             force.legend(loc="upper right", ncols=5)
-        swing.plot(
-            [_seconds(at_ns, samples[0].time_ns) for at_ns, _ in replay.swing],
-            [value for _, value in replay.swing],
-            color="#1f5fa8",
-        )
+        times_ns, probability = zip(*replay.swing, strict=True)
+        swing.plot([recording.at_s(each) for each in times_ns], probability, color="#1f5fa8")
         swing.set_ylabel("P(off the ground)")
         swing.set_ylim(-0.05, 1.05)
         if recording.reference:
             beside = swing.twinx()
-            beside.plot(
-                [_seconds(at_ns, samples[0].time_ns) for at_ns, _ in recording.reference],
-                [value for _, value in recording.reference],
-                color="#888888",
-                linewidth=0.7,
-            )
+            times_ns, values = zip(*recording.reference, strict=True)
+            beside.plot([recording.at_s(each) for each in times_ns], values, color="#888888", linewidth=0.7)
             beside.set_ylabel("reference")
-        changes = [*replay.decisions]
+        changes = replay.decisions
         for channel in changes[0].vacuum_pa if changes else ():
-            times = [_seconds(each.time_ns, samples[0].time_ns) for each in changes] + [float(time_s[-1])]
-            values = [each.vacuum_pa[channel] / _KPA for each in changes]
-            vacuum.step(times, [*values, values[-1]], where="post", label=channel, color=LINE_COLOURS.get(channel))
+            times = [*(recording.at_s(each.time_ns) for each in changes), time_s[-1]]
+            wanted = [each.vacuum_pa[channel] / _KPA for each in changes]
+            vacuum.step(times, [*wanted, wanted[-1]], where="post", label=channel, color=LINE_COLOURS.get(channel))
         vacuum.set_ylabel("wanted vacuum\n[kPa]")
         vacuum.set_xlabel("time [s]")
         if changes:
             vacuum.legend(loc="upper right", ncols=3)
         for at_ns, reason in replay.troubles:
             if reason:
-                vacuum.axvline(_seconds(at_ns, samples[0].time_ns), color="#c1121f", linestyle=":", linewidth=0.8)
+                vacuum.axvline(recording.at_s(at_ns), color="#c1121f", linestyle=":", linewidth=0.8)
         figure.suptitle(f"{recording.name}: {len(replay.events)} events")
         figure.savefig(path, dpi=130)
-
-
-def _seconds(time_ns: int, begin_ns: int) -> float:
-    return (time_ns - begin_ns) / NANOSECONDS_PER_SECOND
 
 
 _LEAST_USED = 0.1
@@ -99,48 +87,41 @@ LEAST_SHAKEN_S = 2.0
 """A foot that moves for so long without a step is doubted, s: two strides or more."""
 
 
-@dataclass(frozen=True)
-class DetectRequest:
-    """What was asked for on the command line."""
-
-    recording: Path
-    output: Path
-    json: Path | None
-    topic: str
-    namespace: str
-    layout: TableFormat
-    settings: tuple[str, ...]
-    """`NAME=VALUE` of parameters of the controller."""
-
-
-def detect(request: DetectRequest) -> int:
-    """Run detectors and policy over a recording; return the exit code.
+def detect(
+    path: Path,
+    settings: Sequence[str],
+    layout: TableFormat,
+    *,
+    topic: str,
+    namespace: str,
+    output: Path,
+    json: Path | None,
+) -> int:
+    """Run detectors and policy over a recording, a bag or a table; return the exit code. `settings` are `NAME=VALUE`.
 
     Raises:
         InputError: the recording cannot be read, or a parameter is none.
 
     """
-    check_writable(request.json)
-    parameters = parameters_from(request.settings)
-    if request.recording.suffix.lower() in _TABLES:
-        recording = read_table(request.recording, request.layout)
-    else:
-        recording = read_bag(request.recording, request.topic, request.namespace, parameters)
-    if not recording.samples():
-        msg = f"{request.recording} holds no sample of an IMU"
+    check_writable(json)
+    parameters = parameters_from(settings)
+    is_table = path.suffix.lower() in _TABLES
+    recording = read_table(path, layout) if is_table else read_bag(path, topic, namespace, parameters)
+    if not recording.samples:
+        msg = f"{path} holds no sample of an IMU"
         raise InputError(msg)
     made = replay(recording.received, parameters, recording.leg)
-    _check_used(request.recording, made)
+    _check_used(path, made)
     content = as_dict(recording, made, parameters)
-    events, picture = request.output / "events.json", request.output / "detect.png"
+    events, picture = output / "events.json", output / "detect.png"
     try:
-        request.output.mkdir(parents=True, exist_ok=True)
+        output.mkdir(parents=True, exist_ok=True)
         draw(recording, made, picture)
     except OSError as error:
-        msg = f"-o {request.output} cannot be written: {error.strerror}"
+        msg = f"-o {output} cannot be written: {error.strerror}"
         raise InputError(msg) from error
     write_json(events, content)
-    write_json(request.json, content)
+    write_json(json, content)
     _show(recording, made, content["doubt"], events, picture)
     return 0
 
@@ -163,7 +144,7 @@ def _check_used(path: Path, made: Replay) -> None:
         raise InputError(msg)
 
 
-def parameters_from(settings: tuple[str, ...]) -> ControllerParameters:
+def parameters_from(settings: Sequence[str]) -> ControllerParameters:
     """Return the controller's parameters from `NAME=VALUE`.
 
     Raises:
@@ -198,21 +179,16 @@ def _value(default: object, text: str) -> object:
 
 def as_dict(recording: Recording, made: Replay, parameters: ControllerParameters) -> dict[str, Any]:
     """Return all that was found for machines: times in s from the first sample, and stamps in ns."""
-    begin_ns = recording.samples()[0].time_ns
+    counts = made.counts
     return {
         "recording": recording.name,
         "imu_topic": recording.imu_topic,
         "mount": parameters.imu_mount,
-        "begin_ns": begin_ns,
-        "samples": {
-            "usable": made.counts.usable,
-            "held": made.counts.held,
-            "ignored": made.counts.ignored,
-            "gaps": made.counts.gaps,
-        },
+        "begin_ns": recording.samples[0].time_ns,
+        "samples": {name: getattr(counts, name) for name in ("usable", "held", "ignored", "gaps")},
         "events": [
             {
-                "time_s": (event.time_ns - begin_ns) / NANOSECONDS_PER_SECOND,
+                "time_s": recording.at_s(event.time_ns),
                 "stamp_ns": event.time_ns,
                 "kind": event.kind.value,
                 "magnitude": event.magnitude,
@@ -225,16 +201,10 @@ def as_dict(recording: Recording, made: Replay, parameters: ControllerParameters
             for event in made.events
         ],
         "decisions": [
-            {
-                "time_s": (each.time_ns - begin_ns) / NANOSECONDS_PER_SECOND,
-                "state": each.state,
-                "vacuum_pa": each.vacuum_pa,
-            }
+            {"time_s": recording.at_s(each.time_ns), "state": each.state, "vacuum_pa": each.vacuum_pa}
             for each in made.decisions
         ],
-        "unavailable": [
-            {"time_s": (at_ns - begin_ns) / NANOSECONDS_PER_SECOND, "why": why} for at_ns, why in made.troubles
-        ],
+        "unavailable": [{"time_s": recording.at_s(at_ns), "why": why} for at_ns, why in made.troubles],
         "doubt": doubt_of(recording, made, parameters),
     }
 
@@ -248,7 +218,7 @@ def doubt_of(recording: Recording, made: Replay, parameters: ControllerParameter
     steps = any(event.kind in (ContactKind.IMPACT, ContactKind.LIFTOFF) for event in made.events)
     if steps or parameters.imu_mount == Mount.BODY.value:
         return ""
-    table = np.array(recording.samples(), dtype=float)
+    table = np.array(recording.samples, dtype=float)
     window = np.floor((table[:, 0] - table[0, 0]) / (SHAKEN_WINDOW_S * NANOSECONDS_PER_SECOND)).astype(int)
     force_m_s2 = np.linalg.norm(table[:, 1:4], axis=1)
     count = np.maximum(np.bincount(window), 1)

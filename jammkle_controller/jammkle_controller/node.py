@@ -20,7 +20,6 @@ from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_controller.conversions import (
     DriverView,
-    Hold,
     contact_event_message,
     contact_state_message,
     driver_view,
@@ -29,28 +28,18 @@ from jammkle_controller.conversions import (
     stored,
 )
 from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.events import Source
 from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import travel_m
-from jammkle_controller.core.reading import (
-    ankle_reading,
-    body_twist,
-    imu_sample,
-    imu_sample_of,
-    joint_position,
-    leg_pose,
-    leg_reading,
-    load_n,
-    load_n_of,
-    nanoseconds,
-)
-from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.core.leg import leg_of
+from jammkle_controller.core.reading import imu_sample_of, load_n_of, received_in
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from rclpy.parameter import Parameter
 
@@ -106,7 +95,7 @@ class ControllerNode(LockstepNode):
         self._freshness = Freshness(values.imu_timeout_s, self.now_s())
         self._trouble = StreamTrouble()
         self._values = values
-        self._leg = ("", values.hip_joint, values.knee_joint)
+        self._leg: Leg | None = None
         self._description = ""
         self._body_frame = ""
         shared = f"{values.robot_namespace.rstrip('/')}/" if values.robot_namespace else ""
@@ -138,21 +127,18 @@ class ControllerNode(LockstepNode):
         self._liveness = Liveness(self)
         self.create_subscription(JamState, names.JAM_STATE.name, self._on_driver, subscriber_qos(names.JAM_STATE))
         self.create_subscription(Imu, names.IMU.name, self._on_imu, subscriber_qos(names.IMU), raw=True)
-        for kind, topic, take in (
-            (Bool, names.FOOT_CONTACT, lambda m, ns: self._controller.on_switch(closed=m.data, time_ns=ns)),
-            (Bool, names.PLANNED_CONTACT, lambda m, ns: self._controller.on_plan(contact=m.data, time_ns=ns)),
-            (Float32, names.GAIT_PHASE, lambda m, ns: self._controller.on_phase(m.data, ns)),
+        for kind, topic in (
+            (Bool, names.FOOT_CONTACT),
+            (Bool, names.PLANNED_CONTACT),
+            (Float32, names.GAIT_PHASE),
         ):
-            self.create_subscription(kind, topic.name, partial(self._on_unstamped, take), subscriber_qos(topic))
+            self._receive(kind, topic, topic.name)
         self.create_subscription(
             WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL), raw=True
         )
-        self.create_subscription(
-            JointState, names.JOINT_STATES.name, self._on_joints, subscriber_qos(names.JOINT_STATES)
-        )
+        self._receive(JointState, names.JOINT_STATES, names.JOINT_STATES.name)
         if values.use_odometry:
-            topic = self._inputs[Input.ODOMETRY]
-            self.create_subscription(Odometry, topic, self._on_odometry, subscriber_qos(names.ODOMETRY))
+            self._receive(Odometry, names.ODOMETRY, self._inputs[Input.ODOMETRY])
         if values.robot_description:
             self._know(leg_of(values.robot_description, values))
         elif values.needs_leg:
@@ -160,48 +146,29 @@ class ControllerNode(LockstepNode):
             self._leg_trouble = f"no robot_description on {self.resolve_topic_name(topic)}"
             self.create_subscription(String, topic, self._on_description, subscriber_qos(names.ROBOT_DESCRIPTION))
 
+    def _receive(self, kind: type, topic: names.Topic, name: str) -> None:
+        self.create_subscription(kind, name, partial(self._on_input, topic), subscriber_qos(topic))
+
     def _on_imu(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.IMU_DOUBLES)
-        if measured is not None:
-            self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
+        if measured is None:
+            self._on_input(names.IMU, deserialize_message(serialized, Imu))
             return
-        message = deserialize_message(serialized, Imu)
-        self._take(self._controller.update(imu_sample(message)), message.header.frame_id)
-
-    def _on_unstamped(self, take: Callable[[Any, int], Reaction], message: Any) -> None:
-        """Take an input without a stamp: it is of now."""
-        self._take(take(message, self.get_clock().now().nanoseconds), "")
+        self._take(self._controller.update(imu_sample_of(measured)), measured.frame_id)
 
     def _on_load(self, serialized: bytes) -> None:
         measured = wire.read(serialized, wire.WRENCH_DOUBLES)
-        if measured is not None:
-            self._take_load(load_n_of(measured), measured.time_ns, measured.frame_id)
+        if measured is None:
+            self._on_input(names.LOAD_CELL, deserialize_message(serialized, WrenchStamped))
             return
-        message = deserialize_message(serialized, WrenchStamped)
-        self._take_load(load_n(message), nanoseconds(message.header.stamp), message.header.frame_id)
+        self._take(self._controller.on_load(load_n_of(measured), measured.time_ns), measured.frame_id)
 
-    def _take_load(self, load_on_foot_n: float, time_ns: int, frame_id: str) -> None:
-        self._controller.inputs.on_pull(-load_on_foot_n, time_ns)
-        self._take(self._controller.on_load(load_on_foot_n, time_ns), frame_id)
-
-    def _on_joints(self, message: JointState) -> None:
-        roll_rad, time_ns = joint_position(message, names.ANKLE_JOINTS[0]), nanoseconds(message.header.stamp)
-        if roll_rad is not None:
-            self._controller.inputs.on_roll(roll_rad, time_ns)
-            pitch_rad = joint_position(message, names.ANKLE_JOINTS[1])
-            if pitch_rad is not None:
-                self._controller.inputs.on_pitch(pitch_rad)
-        ankle = ankle_reading(message, self._values.hip_joint, self._values.knee_joint)
-        if ankle is not None:
-            self._take(self._controller.on_ankle(ankle, time_ns), message.header.frame_id)
-        if self._values.use_efforts:
-            reading = leg_reading(message, self._values.hip_joint, self._values.knee_joint)
-            if reading is not None:
-                self._take(self._controller.on_leg(reading, time_ns), message.header.frame_id)
-        if self._values.use_odometry:
-            pose = leg_pose(message, self._leg)
-            if pose is not None:
-                self._take(self._controller.on_pose(pose, time_ns), self._body_frame)
+    def _on_input(self, topic: names.Topic, message: Any) -> None:
+        if topic is names.ODOMETRY:
+            self._body_frame = message.child_frame_id
+        frame_id = message.header.frame_id if hasattr(message, "header") else ""
+        for each in received_in(message, topic, self.get_clock().now().nanoseconds, self._values, self._leg):
+            self._take(self._controller.take(each), frame_id)
 
     def _on_description(self, message: String) -> None:
         if message.data == self._description:
@@ -214,19 +181,15 @@ class ControllerNode(LockstepNode):
 
     def _know(self, leg: Leg) -> None:
         self._controller.know(leg)
-        self._leg = (leg.abduction, *self._leg[1:])
+        self._leg = leg
         self._leg_trouble = ""
-
-    def _on_odometry(self, message: Odometry) -> None:
-        self._body_frame = message.child_frame_id
-        twist = body_twist(message)
-        self._take(self._controller.on_odometry(twist, twist.time_ns), self._body_frame)
 
     def _take(self, reaction: Reaction, frame_id: str) -> None:
         if reaction.changed and self._auto:
             self._command()
         for event in reaction.events:
-            self._events.publish(contact_event_message(event, frame_id))
+            felt_in = self._body_frame if event.source is Source.ODOMETRY else frame_id
+            self._events.publish(contact_event_message(event, felt_in))
         landing = self._controller.landing
         if landing is not None and landing.time_ns != self._landed_ns:
             self._landed_ns = landing.time_ns
@@ -305,7 +268,7 @@ class ControllerNode(LockstepNode):
         self._controller.on_driver(stored(message))
         if not self._driver_reported:
             self._driver_reported = True
-            if self._driver.hold is Hold.STREAM:
+            if self._driver.by_stream:
                 self._controller.inherit_stance()
                 self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
         self._diagnostics.check()

@@ -67,12 +67,7 @@ class ControllerParameters:
         45.0,
     )
     stance_share: float = parameter(
-        0.5,
-        "Share of the stride that the foot stands, if only gait/phase is received",
-        "1",
-        0.05,
-        0.95,
-        dynamic=True,
+        0.5, "Share of the stride that the foot stands, if only gait/phase is received", "1", 0.05, 0.95, dynamic=True
     )
     use_load: bool = parameter(
         default=False,
@@ -91,8 +86,7 @@ class ControllerParameters:
         "", "URDF of the robot, as robot_state_publisher takes it; empty: from the topic robot_description"
     )
     robot_namespace: str = parameter(
-        "",
-        "Namespace of odom and robot_description: / where several ankles share them; empty: that of this node",
+        "", "Namespace of odom and robot_description: / where several ankles share them; empty: that of this node"
     )
     joint_prefix: str = parameter(
         "", "What robot_description puts before the names of this leg's joints in joint_states, as lf_"

@@ -7,10 +7,11 @@ the graph.
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from jammkle_common import names
 from jammkle_common.bags.reading import name_of, opened
@@ -19,23 +20,10 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import normalised, resolved
 from jammkle_common.parameters import ParameterError
-from jammkle_controller.core.ankle_contact import AnkleReading
-from jammkle_controller.core.controller import AnkleController, Reaction
+from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
-from jammkle_controller.core.reading import (
-    ankle_reading,
-    body_twist,
-    imu_sample,
-    joint_position,
-    leg_pose,
-    leg_reading,
-    load_n,
-    nanoseconds,
-)
-from jammkle_controller.core.robot_description import leg_of
-from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.core.leg import leg_of
+from jammkle_controller.core.reading import Received, received_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -44,19 +32,12 @@ if TYPE_CHECKING:
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
     from jammkle_controller.core.leg import Leg
+    from jammkle_controller.parameters import ControllerParameters
 
 FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
 _IMU_TYPE = names.IMU.message_type
 _AXES = 3
-
-
-class Received(NamedTuple):
-    """What a controller receives at a time, ns: an IMU's sample, a leg, the body's motion, or the value of an input."""
-
-    time_ns: int
-    what: ImuSample | AnkleReading | LegReading | LegPose | BodyTwist | Input
-    value: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,9 +52,14 @@ class Recording:
     reference: list[tuple[int, float]] = field(default_factory=list)
     """Times, ns, and values of a force or switch that is drawn beside, and not used."""
 
+    @functools.cached_property
     def samples(self) -> list[ImuSample]:
-        """Return the samples of the IMU alone."""
+        """The samples of the IMU alone."""
         return [each.what for each in self.received if isinstance(each.what, ImuSample)]
+
+    def at_s(self, time_ns: int) -> float:
+        """Return a time from the first of them on, s."""
+        return (time_ns - self.samples[0].time_ns) / NANOSECONDS_PER_SECOND
 
 
 @dataclass(frozen=True)
@@ -102,9 +88,7 @@ class TableFormat:
     delimiter: str = ","
 
 
-def read_bag(
-    path: Path, topic: str = "", namespace: str = "/", parameters: ControllerParameters | None = None
-) -> Recording:
+def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParameters) -> Recording:
     """Read a bag with an IMU.
 
     Args:
@@ -117,7 +101,6 @@ def read_bag(
         InputError: unreadable; no IMU, or several and no topic; a leg is needed, and not described.
 
     """
-    parameters = parameters or ControllerParameters()
     shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
         imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)
@@ -138,11 +121,9 @@ def read_bag(
         received = []
         for connection, time_ns, _, data in BagTimes(reader).messages([*wanted, *reader.on(others)]):
             message: Any = reader.deserialize(data, connection.msgtype)
-            if connection.topic == imu:
-                sample = imu_sample(message)
-                received.append(Received(sample.time_ns, sample))
-            elif connection.msgtype == others[connection.topic].message_type:
-                received += _other(others[connection.topic], message, time_ns, parameters, leg)
+            what = others.get(connection.topic, names.IMU)
+            if connection.msgtype == what.message_type:
+                received += received_in(message, what, time_ns, parameters, leg)
     return Recording(name_of(path), received, imu, leg)
 
 
@@ -172,29 +153,6 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
     what = f"several ({', '.join(imus)}): choose one with --topic" if imus else f"none of type {_IMU_TYPE}"
     msg = f"bag {path} holds no {usual}; of other IMUs it holds {what}"
     raise InputError(msg)
-
-
-def _other(
-    topic: names.Topic, message: Any, time_ns: int, parameters: ControllerParameters, leg: Leg | None
-) -> list[Received]:
-    if topic is names.FOOT_CONTACT:
-        return [Received(time_ns, Input.CONTACT_SWITCH, float(message.data))]
-    if topic is names.PLANNED_CONTACT:
-        return [Received(time_ns, Input.PLANNED_CONTACT, float(message.data))]
-    if topic is names.GAIT_PHASE:
-        return [Received(time_ns, Input.GAIT_PHASE, float(message.data))]
-    at_ns = nanoseconds(message.header.stamp)
-    if topic is names.LOAD_CELL:
-        return [Received(at_ns, Input.LOAD, load_n(message))]
-    if topic is names.ODOMETRY:
-        return [Received(at_ns, body_twist(message))]
-    roll_rad = joint_position(message, names.ANKLE_JOINTS[0])
-    received = [] if roll_rad is None else [Received(at_ns, Input.JOINTS, roll_rad)]
-    hip, knee = parameters.hip_joint, parameters.knee_joint
-    reading = leg_reading(message, hip, knee) if parameters.use_efforts else None
-    pose = leg_pose(message, (leg.abduction, hip, knee)) if leg is not None and parameters.use_odometry else None
-    ankle = ankle_reading(message, hip, knee)
-    return [*received, *(Received(at_ns, each) for each in (ankle, reading, pose) if each is not None)]
 
 
 def read_table(path: Path, layout: TableFormat) -> Recording:
@@ -300,36 +258,6 @@ class Replay:
     counts: StreamCounts
 
 
-def feed(controller: AnkleController, received: Received) -> Reaction:
-    """Give a controller what it receives."""
-    time_ns, what, value = received
-    if isinstance(what, ImuSample):
-        return controller.update(what)
-    if isinstance(what, (AnkleReading, LegReading, LegPose, BodyTwist)):
-        return _feed_motion(controller, what, time_ns)
-    if what is Input.JOINTS:
-        controller.inputs.on_roll(value, time_ns)
-        return Reaction((), changed=False)
-    if what is Input.CONTACT_SWITCH:
-        return controller.on_switch(closed=bool(value), time_ns=time_ns)
-    if what is Input.PLANNED_CONTACT:
-        return controller.on_plan(contact=bool(value), time_ns=time_ns)
-    take = controller.on_phase if what is Input.GAIT_PHASE else controller.on_load
-    return take(value, time_ns)
-
-
-def _feed_motion(
-    controller: AnkleController, what: AnkleReading | LegReading | LegPose | BodyTwist, time_ns: int
-) -> Reaction:
-    if isinstance(what, AnkleReading):
-        return controller.on_ankle(what, time_ns)
-    if isinstance(what, LegReading):
-        return controller.on_leg(what, time_ns)
-    if isinstance(what, LegPose):
-        return controller.on_pose(what, time_ns)
-    return controller.on_odometry(what, time_ns)
-
-
 def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Leg | None = None) -> Replay:
     """Run a new controller over a stream.
 
@@ -346,7 +274,7 @@ def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Le
     swing: list[tuple[int, float]] = []
     state, reported = None, ""
     for number, received in enumerate(stream):
-        reaction = feed(controller, received)
+        reaction = controller.take(received)
         events += reaction.events
         if reaction.changed or controller.state is not state:
             state = controller.state

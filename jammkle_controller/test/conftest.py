@@ -153,13 +153,15 @@ def streams() -> Streams:
 
 @pytest.fixture
 def make_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
-    """Make a bench in a ROS domain of its own."""
+    """Make a bench in a ROS domain of its own, whose controller is up unless `is_up` is false: it says nothing then."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     benches: list[Bench] = []
     with own_domain() as number:
 
-        def make(*arguments: str) -> Bench:
+        def make(*arguments: str, is_up: bool = True) -> Bench:
             benches.append(Bench(number, tmp_path, *arguments))
+            if is_up:
+                benches[-1].wait_until_up()
             return benches[-1]
 
         yield make

@@ -8,11 +8,13 @@ from types import SimpleNamespace
 import pytest
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.ankle_contact import AnkleReading
+from jammkle_common.names import JOINT_STATES
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import Contact, ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.reading import ankle_reading
+from jammkle_controller.core.inputs import AnkleAngles
+from jammkle_controller.core.leg_contact import AnkleReading
+from jammkle_controller.core.reading import Received, ankle_reading, received_in
 from jammkle_controller.parameters import ControllerParameters
 
 HANG_DEG = 30.0
@@ -107,9 +109,12 @@ def test_what_is_no_number_is_left_out() -> None:
 
 
 def test_a_message_without_rates_or_leg_is_none() -> None:
-    """It takes angles and rates of ankle, hip and knee."""
+    """It takes angles and rates of ankle, hip and knee; roll and pitch alone are received as such."""
     names = ["ankle_roll", "ankle_pitch", "ankle_yaw", "hip", "knee"]
     whole = SimpleNamespace(name=names, position=[0.1, 0.2, 0.0, 1.0, 2.0], velocity=[1.0, 2.0, 0.0, 3.0, 4.0])
     assert ankle_reading(whole, "hip", "knee") == AnkleReading(0.2, 0.1, 2.0, 1.0, 7.0)
     assert ankle_reading(SimpleNamespace(name=names, position=whole.position, velocity=[]), "hip", "knee") is None
-    assert ankle_reading(SimpleNamespace(name=names[:3], position=[0.0] * 3, velocity=[0.0] * 3), "hip", "knee") is None
+    stamp = SimpleNamespace(sec=1, nanosec=5)
+    bare = SimpleNamespace(name=names[:3], position=[0.1, 0.2, 0.0], velocity=[], header=SimpleNamespace(stamp=stamp))
+    received = received_in(bare, JOINT_STATES, 0, ControllerParameters(), None)
+    assert received == [Received(1_000_000_005, AnkleAngles(0.1, 0.2))]

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.inputs import SPREAD_N, Input, LoadContact
-from jammkle_controller.core.leg import LegLoad, LegReading
+from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.leg_contact import SPREAD_N, LegLoad, LegReading, LoadContact
 from jammkle_controller.core.policy import PolicyState
 from jammkle_controller.parameters import ControllerParameters
 
@@ -153,7 +153,7 @@ def test_a_swing_is_noise_and_a_stance_is_none() -> None:
         stands = index % 100 < 50
         change = contact.update(20.0 * stands + chance.normal(0.0, 0.8 * SPREAD_N), 10_000_000 * index)
         if change is not None:
-            changes.append((index % 100, change.stands))
+            changes.append((index % 100, change.kind))
             assert change.probability > 0.7
     late = [index % 50 for index, _ in changes]
     assert len(changes) == pytest.approx(39, abs=2)

@@ -40,7 +40,6 @@ def describe(bench: Bench, topic: str) -> None:
 def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> None:
     """A foot switch is named on /diagnostics once received; it opens and vents a stance, and the event says so."""
     bench = make_bench()
-    bench.wait_until_up()
     bench.land()
     bench.stand(LANDED_AT_S + INTERVAL_S, LANDED_AT_S + 0.3)
     bench.spin_until(lambda: bench.set_points_pa() == dict.fromkeys(CHANNELS, 40e3), "the stance is held")
@@ -66,7 +65,6 @@ def test_odometry_is_named_reports_a_slip_and_is_missed(make_bench: Callable[...
     """With use_odometry a steady slide is reported, in the body's frame; once it is silent the IMU's slips are all."""
     shared = "/shared/odom"
     bench = make_bench("--ros-args", "-p", "use_odometry:=true", "-p", "robot_namespace:=/shared")
-    bench.wait_until_up()
     unknown = "the leg is not known: no robot_description on /shared/robot_description"
     bench.spin_until(lambda: unknown in bench.health["inputs"].message, "the missing description is reported")
     describe(bench, "/shared/robot_description")
@@ -114,7 +112,6 @@ def test_odometry_is_named_reports_a_slip_and_is_missed(make_bench: Callable[...
 def test_efforts_are_named_and_vent_a_foot_that_bears_nothing(make_bench: Callable[..., Bench]) -> None:
     """With use_efforts the leg in joint_states is named; it lets go, and the lift-off is reported with its load."""
     bench = make_bench("--ros-args", "-p", "use_efforts:=true")
-    bench.wait_until_up()
     describe(bench, ROBOT_DESCRIPTION.name)
     joints = bench.node.create_publisher(JointState, JOINT_STATES.name, publisher_qos(JOINT_STATES))
     bench.spin_until(lambda: joints.get_subscription_count() > 0, "the controller receives the joints")

@@ -41,7 +41,6 @@ def big_endian(message: Imu | WrenchStamped) -> bytes:
 
 def test_sensors_of_either_byte_order_are_felt(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench("--ros-args", "-p", "use_load:=true")
-    bench.wait_until_up()
     bench.encode = big_endian
     bench.land()
     assert bench.events[-1].header.frame_id == "imu"
@@ -66,7 +65,6 @@ def test_landing_is_reported_and_jams_after_the_delay(make_bench: Callable[..., 
     The delay is the samples' time, not the wall's: while no sample comes, as in a paused simulation, nothing jams.
     """
     bench = make_bench()
-    bench.wait_until_up()
     assert bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0)
     bench.land()
     liftoff, impact = bench.events
@@ -93,7 +91,6 @@ def test_landing_is_reported_and_jams_after_the_delay(make_bench: Callable[..., 
 def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]) -> None:
     """jam_delay_s is dynamic: with zero the impact's own sample jams; out of range is refused by name and limit."""
     bench = make_bench()
-    bench.wait_until_up()
     refused = bench.set_parameter("jam_delay_s", 3.0)
     assert not refused.successful
     assert "jam_delay_s" in refused.reason
@@ -106,7 +103,6 @@ def test_delay_of_zero_can_be_set_while_running(make_bench: Callable[..., Bench]
 def test_auto_off_ends_the_stream_and_on_resumes_it(make_bench: Callable[..., Bench]) -> None:
     """With auto off no jam_command is sent, while events are reported; with auto on the set points are sent at once."""
     bench = make_bench()
-    bench.wait_until_up()
     answer = bench.set_auto(on=False)
     assert answer.success
     assert "command_timeout_s" in answer.message
@@ -125,7 +121,7 @@ def test_auto_off_ends_the_stream_and_on_resumes_it(make_bench: Callable[..., Be
 
 def test_auto_can_be_off_from_the_start(make_bench: Callable[..., Bench]) -> None:
     """With auto_at_start false nothing is commanded before ~/set_auto."""
-    bench = make_bench("--ros-args", "-p", "auto_at_start:=false")
+    bench = make_bench("--ros-args", "-p", "auto_at_start:=false", is_up=False)
     bench.spin_until(lambda: bench.reports >= 2, "the controller is received")
     assert bench.commands == []
     bench.set_auto(on=True)
@@ -135,7 +131,6 @@ def test_auto_can_be_off_from_the_start(make_bench: Callable[..., Bench]) -> Non
 def test_health_of_the_imu_is_reported(make_bench: Callable[..., Bench]) -> None:
     """A missing IMU is an error that says for how long, NaN samples are a warning with their count, and it passes."""
     bench = make_bench()
-    bench.wait_until_up()
     error, warning = DiagnosticStatus.ERROR, DiagnosticStatus.WARN
     bench.spin_until(lambda: bench.health["imu"].level == error, "the missing IMU is an error")
     assert "no usable sample on /imu/data for" in bench.health["imu"].message
@@ -155,7 +150,6 @@ def test_health_of_the_imu_is_reported(make_bench: Callable[..., Bench]) -> None
 def test_ends_cleanly_on_signals(make_bench: Callable[..., Bench], number: signal.Signals) -> None:
     """SIGTERM and SIGINT end the process with 0 and without a word."""
     bench = make_bench()
-    bench.wait_until_up()
     bench.stand(0.1, 0.3)
     assert bench.stop(number) == 0
     assert bench.errors.read_text() == ""
@@ -164,7 +158,7 @@ def test_ends_cleanly_on_signals(make_bench: Callable[..., Bench], number: signa
 @pytest.mark.parametrize(("given", "named"), [("jam_dely_s:=0.1", "jam_dely_s"), ("jam_delay_s:=-1.0", "0 to 1 s")])
 def test_bad_parameters_get_one_line(make_bench: Callable[..., Bench], given: str, named: str) -> None:
     """An unknown parameter or a value out of range ends the process with 2 and one line that names it."""
-    bench = make_bench("--ros-args", "-p", given)
+    bench = make_bench("--ros-args", "-p", given, is_up=False)
     assert bench.process.wait(timeout=TIMEOUT_S) == 2
     lines = bench.errors.read_text().splitlines()
     assert len(lines) == 1
@@ -174,7 +168,6 @@ def test_bad_parameters_get_one_line(make_bench: Callable[..., Bench], given: st
 def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callable[..., Bench]) -> None:
     """Once the driver's limits are known, a set point beyond them is refused with both numbers; one within is taken."""
     bench = make_bench()
-    bench.wait_until_up()
     bench.driver_says(JamState(min_vacuum_pa=5e3, max_vacuum_pa=45e3))
     bench.spin_until(lambda: bench.policy_says("45000"), "the set points of the start are objected to")
     assert bench.health["policy"].level == DiagnosticStatus.ERROR
@@ -192,7 +185,6 @@ def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Ben
     And a driver that does not follow then is reported where it hurts, in its own words; somebody who vents is no fault.
     """
     bench = make_bench()
-    bench.wait_until_up()
     stale = ChannelJamState(channel=CHANNELS[0], fault=Fault.COMMANDS_STALE)
     bench.driver_says(JamState(channels=[stale], refused_command="refused: an example"))
     bench.wait_more()
@@ -213,7 +205,6 @@ def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Ben
 def test_a_robot_that_nobody_held_is_left_soft(make_bench: Callable[..., Bench]) -> None:
     """A controller that finds channels vented for no reason of its own waits for a landing."""
     bench = make_bench()
-    bench.wait_until_up()
     bench.driver_says(JamState(channels=[ChannelJamState(channel=CHANNELS[0])]))
     bench.stand(0.1, 0.6)
     bench.wait_more()
@@ -223,7 +214,6 @@ def test_a_robot_that_nobody_held_is_left_soft(make_bench: Callable[..., Bench])
 def test_an_imu_in_g_is_reported_and_moves_nothing(make_bench: Callable[..., Bench]) -> None:
     """Readings in g are an error on /diagnostics that names unit and safe mode, and give no event and no set point."""
     bench = make_bench()
-    bench.wait_until_up()
     for index in range(100):
         bench.feel(1.0, 0.1 + index * INTERVAL_S)
     bench.spin_until(lambda: "unit" in bench.health["imu"].message, "the unit is reported")

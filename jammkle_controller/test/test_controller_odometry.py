@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,9 +17,11 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, sole_velocity_m_s
-from jammkle_controller.core.slip import FALSE_ALARM_S, SoleSlip
+from jammkle_controller.core.slip import FALSE_ALARM_S, BodyTwist, LegPose, SoleSlip, sole_velocity_m_s
 from jammkle_controller.parameters import ControllerParameters
+
+if TYPE_CHECKING:
+    from jammkle_controller.core.leg import Leg
 
 STEP_NS = 10_000_000
 PLACE = dataclasses.replace(

@@ -77,13 +77,6 @@ def test_soft_until_the_delay_after_an_impact(steps: list[tuple[int, ContactKind
             assert policy.set_points_pa == everywhere(0.0)
 
 
-def test_without_a_delay_the_impact_itself_jams() -> None:
-    """With jam_delay_s of zero the sample that carries the impact asks for vacuum."""
-    policy = new_policy(0.0)
-    feel(policy, ContactKind.IMPACT, SECOND_NS)
-    assert policy.set_points_pa == everywhere(HOLD_PA)
-
-
 def test_a_slip_finds_more_vacuum_and_it_ends() -> None:
     """A slip in a stance asks for full vacuum at once, through slipping and recovering, and then for the stance's."""
     policy = new_policy()

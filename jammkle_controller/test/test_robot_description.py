@@ -8,7 +8,7 @@ import pytest
 from controller_bench import LEG, LEG_URDF
 
 from jammkle_common.parameters import ParameterError
-from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.core.leg import leg_of
 from jammkle_controller.parameters import ControllerParameters
 
 

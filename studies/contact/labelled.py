@@ -17,12 +17,14 @@ from scipy.ndimage import gaussian_filter1d  # type: ignore[import-untyped]  # c
 from scipy.signal import butter, lfilter, lfilter_zi  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from jammkle_controller.core.leg import Leg
 
 
 @dataclass(frozen=True)

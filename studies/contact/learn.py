@@ -13,12 +13,12 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.ankle_contact import AnkleMotion
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
+from jammkle_controller.core.leg_contact import AnkleMotion
 from jammkle_controller.core.motion import Motion
-from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, SoleFilter, StepRatios, ratios_of
+from jammkle_controller.core.stepping import LEAST_BLOW_M_S2, LEAST_RATIO, StepRatios, learned, ratios_of
 from jammkle_controller.parameters import ControllerParameters
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.robots import robot_recordings
@@ -60,7 +60,7 @@ def learn(mount: str, recordings: Sequence[LabelledRecording]) -> dict[str, dict
     made = {
         f"swing_{mount}": _fitted(swing, balanced=True),
         f"touchdown_{mount}": _fitted(blows, balanced=False),
-        f"slide_{mount}": _nothing(len(SoleFilter.NAMES)),
+        f"slide_{mount}": _nothing(len(learned(mount).slide.centre)),
     }
     return made | {f"slide_{mount}": _slides(mount, recordings, ratios_of(made, mount))}
 

@@ -7,20 +7,19 @@ after that. It is deterministic, and as fast as the simulation lets it be.
 
 from __future__ import annotations
 
-import math
 import struct
 from functools import partial
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
-from jammkle_controller.core.ankle_contact import AnkleReading
+from jammkle_common.names import CHANNELS, JAM_COMMAND, JOINT_STATES
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import Stored
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
-from jammkle_controller.recordings import Received, feed
+from jammkle_controller.core.reading import Received, received_in
+from jammkle_controller.core.slip import BodyTwist
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample
 from jammkle_driver.core.requests import SetPoint
@@ -162,8 +161,7 @@ class AnkleLoop:
         """
         self.ankle = ankle
         self.controller = AnkleController(controller, leg=leg)
-        self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
-        self._above = (leg.abduction if leg else "", controller.hip_joint, controller.knee_joint)
+        self._parameters, self._leg = controller, leg
         self._body = body if controller.use_odometry else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
         self.events: list[ContactEvent] = []
@@ -287,44 +285,30 @@ class AnkleLoop:
 
     def _reported(self, time_ns: int) -> list[Callable[[], Reaction | None]]:
         """Return what takes the reports of joints and gait, in the order of the graph."""
-        positions = self.ankle.joint_positions()
-        received: list[Received] = []
-        taken: list[Callable[[], Reaction | None]] = []
-        roll, pitch, _ = ANKLE_JOINTS
-        if roll in positions:
-            received.append(Received(time_ns, Input.JOINTS, positions[roll]))
-            taken.append(partial(self.controller.inputs.on_pitch, positions[pitch]))
-        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= positions.keys():
-            rates = self.ankle.joint_velocities()
-            shank_rad_s = rates[self._above[1]] + rates[self._above[2]]
-            reading = AnkleReading(positions[pitch], positions[roll], rates[pitch], rates[roll], shank_rad_s)
-            received.append(Received(time_ns, reading))
-        if self._leg is not None and isinstance(self.ankle, WithEfforts) and set(self._leg) <= positions.keys():
-            columns = (positions, self.ankle.joint_velocities(), self.ankle.joint_efforts())
-            received.append(
-                Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
-            )
-        if self._body is not None and isinstance(self.ankle, WithEfforts):
-            received.append(Received(time_ns, self._pose(self.ankle)))
+        received = received_in(self._joint_states(time_ns), JOINT_STATES, time_ns, self._parameters, self._leg)
         planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
         if planned is not None:
             received.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
                 received.append(Received(time_ns, Input.GAIT_PHASE, _as_float32(planned.phase)))
-        return [*taken, *(partial(feed, self.controller, each) for each in received)]
+        return [partial(self.controller.take, each) for each in received]
 
-    def _pose(self, ankle: WithEfforts) -> LegPose:
-        """Return angles and rates from the body down; a leg without abduction has none."""
-        roll, pitch, yaw = ANKLE_JOINTS
-        missing = {self._above[0]: 0.0}
-        columns = (self.ankle.joint_positions(), ankle.joint_velocities())
-        return LegPose(
-            *(
-                column.get(joint, missing.get(joint, math.nan))
-                for column in columns
-                for joint in (*self._above, pitch, roll, yaw)
-            )
+    def _joint_states(self, time_ns: int) -> SimpleNamespace:
+        """Return what the simulation publishes of the joints."""
+        positions = self.ankle.joint_positions()
+        seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
+        message = SimpleNamespace(
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds)),
+            name=[*positions],
+            position=[*positions.values()],
+            velocity=[],
+            effort=[],
         )
+        if isinstance(self.ankle, WithEfforts):
+            rates, efforts = self.ankle.joint_velocities(), self.ankle.joint_efforts()
+            message.velocity = [rates.get(joint, 0.0) for joint in positions]
+            message.effort = [efforts.get(joint, 0.0) for joint in positions]
+        return message
 
 
 def _instant(time_ns: int) -> Instant:

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 
 from jammkle_common.command.results import STYLE
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Received, TableFormat, read_table, replay
+from jammkle_controller.recordings import TableFormat, read_table, replay
 from studies.contact.robots import joined_contacts, spans_of
 from studies.contact.trial import KINDS, OURS, WAYS, Score, median_with_interval, score_times
 
@@ -92,7 +93,7 @@ def real_foot(path: Path, best: Mapping[tuple[str, str], str]) -> RealFoot:
     """
     layout = TableFormat(("2", "3", "4"), ("5", "6", "7"), force_unit="g", rate_unit="deg/s", rate_hz=IMU_HZ)
     recording = read_table(path, layout)
-    samples = recording.samples()
+    samples = recording.samples
     force = read_force(path)
     force_time_s = np.arange(len(force)) / FORCE_HZ
     imu = np.array(samples, dtype=float)

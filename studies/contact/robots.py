@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.names import CHANNELS
-from jammkle_controller.core.robot_description import leg_of
+from jammkle_controller.core.leg import leg_of
 from jammkle_controller.parameters import ControllerParameters, Mount
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot as made
@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_controller.core.imu import ImuSample
-    from jammkle_controller.core.leg import Leg, LegReading
+    from jammkle_controller.core.leg import Leg
+    from jammkle_controller.core.leg_contact import LegReading
     from jammkle_sim.rigs.simulation import Sample, Simulation
 
 RATE_HZ = 1000

@@ -18,8 +18,8 @@ import numpy as np
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Received, feed
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.labelled import CLOCK_START_S, walk
 from studies.contact.learn import FIRST_TRIAL_SEED
@@ -359,7 +359,7 @@ def detected_by_ours(
         ankles = [Received(*each) for each in recording.ankle_readings()] if ankle else []
         received = sorted([*ankles, *legs, *received], key=lambda each: each.time_ns)
     for each in received:
-        for event in feed(controller, each).events:
+        for event in controller.take(each).events:
             if event.kind in names:
                 reported[names[event.kind]].append(event.time_ns / NANOSECONDS_PER_SECOND)
     return reported, controller.watch.trouble is None

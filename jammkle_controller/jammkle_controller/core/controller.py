@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.detector import PUT_DOWN_S, ContactDetector
+from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import (
     Contact,
     ContactEvent,
@@ -17,24 +17,26 @@ from jammkle_controller.core.events import (
     Source,
     is_felt,
 )
-from jammkle_controller.core.imu import Admission, ImuTrouble
-from jammkle_controller.core.inputs import ContactInputs, Rhythm
+from jammkle_controller.core.imu import Admission, ImuSample, ImuTrouble
+from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rhythm
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.motion import PUT_DOWN_S
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
+from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from jammkle_controller.core.ankle_contact import AnkleReading
-    from jammkle_controller.core.imu import ImuGate, ImuSample, ImuWatch
     from jammkle_controller.core.landing import Landing, Stored
-    from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+    from jammkle_controller.core.leg import Leg
+    from jammkle_controller.core.reading import Received
     from jammkle_controller.core.stepping import StepRatios
     from jammkle_controller.parameters import ControllerParameters, PolicyMode
 
 FALLING = 0.5
 """Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
 LEANING_RAD = 0.035
-"""Roll of the ankle from which on it shows the side that yields, rad: 2 deg, beyond its play."""
+"""Roll of the ankle from which on it says which side yields in a slip, rad: 2 deg, beyond its play."""
 HELD_REST_S = PUT_DOWN_S
 """At rest for so long, and with nothing that shows it hanging, the ankle is held, s: no hand is as still."""
 DEFLECTED_RAD = 0.05
@@ -53,6 +55,9 @@ class Reaction(NamedTuple):
 
     events: tuple[ContactEvent, ...]
     changed: bool
+
+
+_NOTHING = Reaction((), changed=False)
 
 
 class AnkleController:
@@ -76,6 +81,7 @@ class AnkleController:
         self.inputs = ContactInputs(parameters)
         self.mount = parameters.mount
         self._detector = ContactDetector(parameters, ratios)
+        self.gate, self.watch = self._detector.gate, self._detector.watch
         self._policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
         self._stance_held = False
@@ -83,6 +89,18 @@ class AnkleController:
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
         self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
+        self._takes: Mapping[Input | type, Callable[[Any, int], Reaction]] = {
+            ImuSample: lambda sample, _: self.update(sample),
+            Input.CONTACT_SWITCH: lambda value, time_ns: self.on_switch(closed=bool(value), time_ns=time_ns),
+            Input.PLANNED_CONTACT: lambda value, time_ns: self.on_plan(contact=bool(value), time_ns=time_ns),
+            Input.GAIT_PHASE: self.on_phase,
+            Input.LOAD: self.on_load,
+            AnkleAngles: self.on_angles,
+            AnkleReading: self.on_ankle,
+            LegReading: self.on_leg,
+            LegPose: self.on_pose,
+            BodyTwist: self.on_odometry,
+        }
         if leg is not None:
             self.know(leg)
 
@@ -146,16 +164,16 @@ class AnkleController:
         gate, before_pa = self._detector.gate, self._policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         self._detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
-        events = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
+        event = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
             self._forget_contact()
         if gate.last_ns != stamp_before_ns:
             self._policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
-        reported = tuple(event for event in events if self._counts(event))
-        for event in reported:
-            self._react(event)
+        reported = () if event is None or not self._counts(event) else (event,)
+        for each in reported:
+            self._react(each)
         if self._detector.phase is Phase.FLIGHT:
             self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
             self._policy.fall(self._detector.flight_began_ns)
@@ -166,6 +184,13 @@ class AnkleController:
         self._take_up_what_stands(sample.time_ns)
         self._foresee(sample.time_ns)
         return self._reaction(reported, before_pa, sample.time_ns)
+
+    def take(self, received: Received) -> Reaction:
+        """Take whatever is received."""
+        time_ns, what, value = received
+        if isinstance(what, Input):
+            return self._takes[what](value, time_ns)
+        return self._takes[type(what)](what, time_ns)
 
     def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
         """Take a foot contact switch."""
@@ -183,6 +208,11 @@ class AnkleController:
         """Take the gait's phase, 0 at touch-down to 1 at the next."""
         return self._take_event(self.inputs.on_phase(phase, time_ns), time_ns)
 
+    def on_angles(self, angles: AnkleAngles, time_ns: int) -> Reaction:
+        """Take roll and pitch of the ankle: they change nothing by themselves."""
+        self.inputs.on_angles(angles, time_ns)
+        return _NOTHING
+
     def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
         """Take angles, rates and efforts of hip and knee."""
         falls = self._detector.available and self._detector.motion.load < FALLING
@@ -196,7 +226,7 @@ class AnkleController:
         event = self.inputs.on_ankle(reading, time_ns)
         if self._detector.phase is Phase.FLIGHT and self._detector.available:
             self.inputs.fly()
-            return Reaction((), changed=False)
+            return _NOTHING
         return self._take_event(event, time_ns)
 
     def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
@@ -217,7 +247,7 @@ class AnkleController:
     def _slip(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         """React to a slip by odometry."""
         if event is None or self._detector.phase is Phase.FLIGHT:
-            return Reaction((), changed=False)
+            return _NOTHING
         before_pa = self._policy.set_points_pa
         self._detector.slide()
         self._react(event)
@@ -225,7 +255,7 @@ class AnkleController:
 
     def _take_event(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         if event is None:
-            return Reaction((), changed=False)
+            return _NOTHING
         lifted = event.kind is ContactKind.LIFTOFF
         before_pa = self._policy.set_points_pa
         off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
@@ -235,9 +265,9 @@ class AnkleController:
         feels = self._detector.available and self.feels(Detection.STEP)
         feels = feels or self.inputs.leg_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
-            return Reaction((), changed=False)
+            return _NOTHING
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
-            return Reaction((), changed=False)
+            return _NOTHING
         self._detector.correct(lifted=lifted, time_ns=time_ns)
         self._react(event)
         self._note_contact(time_ns)
@@ -322,8 +352,10 @@ class AnkleController:
         return True
 
     def _react(self, event: ContactEvent) -> None:
-        if event.kind is ContactKind.SLIP and self.inputs.roll_rad is not None:
-            event = self._leaning(event, self.inputs.roll_rad)
+        roll_rad = self.inputs.roll_rad or 0.0
+        if event.kind is ContactKind.SLIP and abs(roll_rad) >= LEANING_RAD:
+            # A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
+            event = dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
         self._policy.react(event)
         contact = _CONTACT_OF.get(event.kind)
         if contact is not None:
@@ -336,16 +368,6 @@ class AnkleController:
             self._rhythm.land(event.time_ns)
             if event.source is not Source.GAIT:
                 self.inputs.gait.feel(event.time_ns)
-
-    @staticmethod
-    def _leaning(event: ContactEvent, roll_rad: float) -> ContactEvent:
-        """Let the ankle's own roll say which side yields, where it does.
-
-        A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
-        """
-        if abs(roll_rad) < LEANING_RAD:
-            return event
-        return dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
 
     def _foresee(self, time_ns: int) -> None:
         planned_ns = self.inputs.gait.touchdown_ns(time_ns)
@@ -373,16 +395,6 @@ class AnkleController:
     def feels(self, detection: Detection) -> bool:
         """Whether the IMU, where it is mounted, is used to detect it."""
         return is_felt(self.mount, detection)
-
-    @property
-    def gate(self) -> ImuGate:
-        """What is known of the IMU stream."""
-        return self._detector.gate
-
-    @property
-    def watch(self) -> ImuWatch:
-        """Whether the IMU is believed."""
-        return self._detector.watch
 
     @property
     def phase(self) -> Phase:

@@ -1,16 +1,13 @@
-"""Contact detection on one IMU stream: the phase of contact, and the detectors of impact, free fall, rest and rise."""
+"""Contact detection on one IMU stream: the phase of contact, and the detectors of impact and free fall."""
 
 from __future__ import annotations
 
-import math
-from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.events import M_S2, METRE, ContactEvent, ContactKind, Detection, Phase, is_felt
+from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind, Detection, Phase, is_felt
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample, ImuWatch
-from jammkle_controller.core.motion import ZERO, Motion, towards
+from jammkle_controller.core.motion import Motion, RaiseDetector, RestDetector
 from jammkle_controller.core.slip import SlipDetector
 from jammkle_controller.core.stepping import SteppingFoot
 
@@ -30,7 +27,6 @@ RELOADED = 1.05
 STEPPING_S = 1.5
 """So long after an impact on the ground a body may be walking, s: two strides of 0.7 s. It is not watched for slips."""
 
-_NOTHING: tuple[ContactEvent, ...] = ()
 _RELOADED_PROBABILITY = 0.8
 
 
@@ -108,7 +104,7 @@ class ContactDetector:
         if lifted and self.phase not in (Phase.FLIGHT, Phase.SWING):
             self._leave(Phase.SWING, time_ns)
         elif not lifted and self.phase in (Phase.FLIGHT, Phase.SWING):
-            self._impact.note(time_ns)
+            self._impact.last_ns = time_ns
             self._land(time_ns)
 
     def slide(self) -> None:
@@ -130,8 +126,8 @@ class ContactDetector:
         elif borne and self.phase is Phase.SWING:
             self.correct(lifted=False, time_ns=time_ns)
 
-    def update(self, sample: ImuSample, *, stands: bool = False) -> tuple[ContactEvent, ...]:
-        """Take the next sample and return what it decided, oldest first; samples the gate ignores decide nothing.
+    def update(self, sample: ImuSample, *, stands: bool = False) -> ContactEvent | None:
+        """Take the next sample and return what it decided; samples the gate ignores decide nothing.
 
         Args:
             sample: The sample.
@@ -141,18 +137,17 @@ class ContactDetector:
         admission = self.gate.admit(sample)
         if admission is Admission.RESTARTED or (admission is Admission.AFTER_GAP and self.gate.interval_s > LONG_GAP_S):
             self.watch.begin_anew()
-        believed = self.watch.observe(sample, admission, self.gate.rate_hz, self.gate.published_hz, stands=stands)
+        rates_hz = self.gate.rate_hz, self.gate.published_hz
+        believed = self.watch.observe(sample, admission, rates_hz, stands=stands)
         if admission in IGNORED:
-            return _NOTHING
+            return None
         if admission is Admission.USABLE:
             self._follow(sample, self.gate.interval_s)
         else:
             self._begin_anew(sample, admission)
         if not believed:
             self._suspend(sample)
-            return _NOTHING
-        if self.phase is Phase.FLIGHT and self.foot is None:
-            return self._fly(sample.time_ns)
+            return None
         if self.phase in (Phase.FLIGHT, Phase.SWING):
             return self._swing_on(sample.time_ns)
         return self._stand(sample, self.gate.interval_s if admission is Admission.USABLE else 0.0)
@@ -167,15 +162,11 @@ class ContactDetector:
     def _begin_anew(self, sample: ImuSample, admission: Admission) -> None:
         """Forget what cannot be compared with the next sample; a flight goes on, its landing may lie in the gap."""
         self.motion = Motion((sample.force_x, sample.force_y, sample.force_z))
-        self._impact.restart(self.motion.force_m_s2)
-        self._liftoff.restart()
-        self._raise.restart()
-        self._rest.restart()
-        self._slip.release()
+        self._forget_what_was_felt()
         if self.foot is not None:
             self.foot.restart()
         if admission is Admission.RESTARTED:
-            self._impact.forget_impacts()
+            self._impact.last_ns = None
             self._unsettled = False
             self._jolted_until_ns = 0
             self._stepped_ns = None
@@ -185,32 +176,29 @@ class ContactDetector:
 
     def _suspend(self, sample: ImuSample) -> None:
         """Forget what was felt on an IMU that is not believed."""
-        self._liftoff.restart()
-        self._raise.restart()
-        self._rest.restart()
-        self._slip.release()
-        self._impact.restart(self.motion.force_m_s2)
+        self._forget_what_was_felt()
         if self.foot is not None:
             self.foot.suspend()
         self._unsettled = False
         self.phase = Phase.GROUND
-        self._impact.note(sample.time_ns)
+        self._impact.last_ns = sample.time_ns
 
-    def _fly(self, time_ns: int) -> tuple[ContactEvent, ...]:
-        impact = self._impact.in_flight(time_ns, self.motion.force_m_s2)
-        if impact is None:
-            return _NOTHING
-        self._land(time_ns)
-        return (impact,)
+    def _forget_what_was_felt(self) -> None:
+        self._impact.restart(self.motion.force_m_s2)
+        self._liftoff.restart()
+        self._raise.restart()
+        self._rest.restart()
+        self._slip.release()
 
-    def _swing_on(self, time_ns: int) -> tuple[ContactEvent, ...]:
-        impact = self._end_of_swing(time_ns)
+    def _swing_on(self, time_ns: int) -> ContactEvent | None:
+        flies = self.phase is Phase.FLIGHT and self.foot is None
+        force = self.motion.force_m_s2
+        impact = self._impact.in_flight(time_ns, force) if flies else self._end_of_swing(time_ns)
         if impact is not None:
-            self._impact.note(time_ns)
+            self._impact.last_ns = time_ns
             self._land(time_ns)
-            return (impact,)
-        swings = None if self.foot is None else self.foot.swinging(time_ns, self.motion)
-        return _NOTHING if swings is None else (swings,)
+            return impact
+        return None if self.foot is None else self.foot.swinging(time_ns, self.motion)
 
     def _end_of_swing(self, time_ns: int) -> ContactEvent | None:
         """Return an impact when what was in the air is hit, or, reported late, stands."""
@@ -234,18 +222,18 @@ class ContactDetector:
             return None
         return ContactEvent(ContactKind.IMPACT, time_ns, force, M_S2, 0.0, _RELOADED_PROBABILITY)
 
-    def _stand(self, sample: ImuSample, interval_s: float) -> tuple[ContactEvent, ...]:
+    def _stand(self, sample: ImuSample, interval_s: float) -> ContactEvent | None:
         time_ns, force = sample.time_ns, self.motion.force_m_s2
         liftoff = self._leaving(time_ns)
         if liftoff is not None:
-            return (liftoff,)
+            return liftoff
         jolted = time_ns < self._jolted_until_ns
         # A foot or shank jumps by itself as it is lifted: there only a swing ends in an impact.
         steps_felt = self.foot is None and self._borne is None
         impact = self._impact.on_ground(time_ns, force, disturbed=jolted) if steps_felt else None
         if impact is not None:
             self._land(time_ns)
-            return (impact,)
+            return impact
         if self.foot is None:
             slip = self._slip.on_ground(sample, interval_s, self.motion, disturbed=jolted)
         else:
@@ -253,7 +241,7 @@ class ContactDetector:
         if slip is not None:
             self.phase = Phase.GROUND
             self._rest.restart()
-            return (slip,)
+            return slip
         return self._come_to_rest(sample)
 
     def _leaving(self, time_ns: int) -> ContactEvent | None:
@@ -276,7 +264,7 @@ class ContactDetector:
         liftoff = self._raise.on_ground(time_ns)
         if liftoff is not None:
             self._leave(Phase.SWING, time_ns)
-            self._raise.raise_it()
+            self._raise.is_raised = True
         return liftoff
 
     def _note_flight(self, liftoff: ContactEvent) -> None:
@@ -307,22 +295,20 @@ class ContactDetector:
         if self.foot is not None:
             self.foot.land(time_ns)
 
-    def _come_to_rest(self, sample: ImuSample) -> tuple[ContactEvent, ...]:
+    def _come_to_rest(self, sample: ImuSample) -> ContactEvent | None:
         time_ns, _, _, _, x, y, z = sample
         if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watching and not self._walks(time_ns):
             self.phase = Phase.GROUND
         if self.phase is Phase.PLANTED:
-            return _NOTHING
+            return None
         rest = self._rest.on_ground(time_ns, self.motion.force_m_s2, x * x + y * y + z * z)
         if rest is None:
-            return _NOTHING
+            return None
         self.phase = Phase.PLANTED
         if not self._slip.watching and not self._walks(time_ns):
             self._slip.plant(sample)
-        if not self._unsettled:
-            return _NOTHING
-        self._unsettled = False
-        return (ContactEvent(ContactKind.SETTLED, time_ns, rest.rms_m_s2, M_S2, rest.lasted_s),)
+        unsettled, self._unsettled = self._unsettled, False
+        return rest if unsettled else None
 
     def _walks(self, time_ns: int) -> bool:
         """Whether it was hit lately without having flown, so that it may be stepping, and slips are not felt in it."""
@@ -351,9 +337,10 @@ _GROUND_PROBABILITY = 0.7
 class ImpactDetector:
     """Compares |specific force| with thresholds: in flight with nearly nothing, on the ground with the weight.
 
-    A body whose |specific force| stays below g + `impact_m_s2` raises no alarm on the ground, and neither does one that
-    is heaved slowly: the force must also rise above its level. That drops at once with the signal and follows a rise
-    with `FOLLOW_TIME_S`, so that it is the lowest recent value at any rate; the size of an impact is measured from it.
+    A body whose |specific force| stays below g + `impact_threshold_m_s2` raises no alarm on the ground, and neither
+    does one that is heaved slowly: the force must also rise above its level. That drops at once with the signal and
+    follows a rise with `FOLLOW_TIME_S`, so that it is the lowest recent value at any rate; the size of an impact is
+    measured from it.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
@@ -362,16 +349,13 @@ class ImpactDetector:
         self._level = 0.0
         self._level_before = 0.0
         self._onset_ns: int | None = None
-        self._last_impact_ns: int | None = None
+        self.last_ns: int | None = None
+        """Stamp of the last impact, be it found here or elsewhere, ns."""
 
     def restart(self, force_m_s2: float) -> None:
         """Forget the level: the next rise is measured from `force_m_s2`."""
         self._level = force_m_s2
         self._onset_ns = None
-
-    def forget_impacts(self) -> None:
-        """Forget when the last impact was: its time belongs to another time line."""
-        self._last_impact_ns = None
 
     def follow(self, time_ns: int, interval_s: float, force_m_s2: float) -> None:
         """Take the next |specific force|. Call it once per sample, before `in_flight` or `on_ground`."""
@@ -391,7 +375,7 @@ class ImpactDetector:
         self._level = level + rise * interval_s / (interval_s + FOLLOW_TIME_S)
 
     def in_flight(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
-        """Return an impact if the flight ended: the ground carries more than `touchdown_m_s2`."""
+        """Return an impact if the flight ended: the ground carries more than `TOUCHDOWN_M_S2`."""
         if force_m_s2 <= TOUCHDOWN_M_S2:
             return None
         return self._impact(time_ns, force_m_s2, _FLIGHT_PROBABILITY)
@@ -408,24 +392,14 @@ class ImpactDetector:
         carried_m_s2 = max(STANDARD_GRAVITY_M_S2, self._level)
         if force_m_s2 - carried_m_s2 <= self.parameters.impact_threshold_m_s2 * (2.0 if disturbed else 1.0):
             return None
-        last_ns = self._last_impact_ns
-        if last_ns is not None and (time_ns - last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
+        if self.last_ns is not None and (time_ns - self.last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
             return None
         return self._impact(time_ns, force_m_s2, _GROUND_PROBABILITY)
-
-    @property
-    def last_ns(self) -> int | None:
-        """Stamp of the last impact, ns."""
-        return self._last_impact_ns
-
-    def note(self, time_ns: int) -> None:
-        """Take an impact that was found elsewhere."""
-        self._last_impact_ns = time_ns
 
     def _impact(self, time_ns: int, force_m_s2: float, probability: float) -> ContactEvent:
         onset_ns = time_ns if self._onset_ns is None else self._onset_ns
         level = self._level if self._onset_ns is None else self._level_before
-        self._last_impact_ns = time_ns
+        self.last_ns = time_ns
         return ContactEvent(
             ContactKind.IMPACT,
             time_ns,
@@ -446,7 +420,7 @@ _FREE_FALL_PROBABILITY = 0.99
 
 
 class LiftoffDetector:
-    """Reports free fall once it has lasted `flight_confirm_s`."""
+    """Reports free fall once it has lasted `FLIGHT_CONFIRM_S`."""
 
     def __init__(self, parameters: ControllerParameters) -> None:
         """Make a detector that has seen nothing."""
@@ -472,210 +446,3 @@ class LiftoffDetector:
             return None
         self._since_ns = None
         return ContactEvent(ContactKind.LIFTOFF, time_ns, force_m_s2, M_S2, lasted_s, _FREE_FALL_PROBABILITY)
-
-
-SETTLE_WINDOW_S = 0.2
-"""Time for which a body must be quiet to be at rest, s."""
-SETTLE_RMS_M_S2 = 0.5
-"""Largest rms of | |specific force| - g | at rest, m/s^2; leaves 0.05 g for the bias of a cheap accelerometer."""
-SETTLE_RMS_RAD_S = 0.2
-"""Largest rms of the angular velocity at rest, rad/s."""
-LEAST_REST_SAMPLES = 10
-"""A window with fewer samples says nothing of rest."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """A quiet window: rms of | |specific force| - g |, m/s^2, and how long it lasted, s."""
-
-    rms_m_s2: float
-    lasted_s: float
-
-
-class RestDetector:
-    """Slides a window over the stream and says when it is quiet."""
-
-    def __init__(self) -> None:
-        """Make a detector that has seen nothing."""
-        self._window: deque[tuple[int, float, float]] = deque()
-        self._force_sum = 0.0
-        self._rate_sum = 0.0
-
-    def restart(self) -> None:
-        """Begin a new window."""
-        self._window.clear()
-        self._force_sum = 0.0
-        self._rate_sum = 0.0
-
-    def on_ground(self, time_ns: int, force_m_s2: float, rate_squared: float) -> Rest | None:
-        """Take the next |specific force|, m/s^2, and squared |angular velocity|, rad^2/s^2; return a rest if quiet."""
-        deviation = force_m_s2 - STANDARD_GRAVITY_M_S2
-        force_squared = deviation * deviation
-        window = self._window
-        window.append((time_ns, force_squared, rate_squared))
-        self._force_sum += force_squared
-        self._rate_sum += rate_squared
-        lasted_s = (time_ns - window[0][0]) / NANOSECONDS_PER_SECOND
-        if lasted_s < SETTLE_WINDOW_S:
-            return None
-        samples = len(window)
-        # The sums lose digits as large squares leave them; a tiny negative remainder means zero.
-        force_mean = max(0.0, self._force_sum) / samples
-        rate_mean = max(0.0, self._rate_sum) / samples
-        _, oldest_force, oldest_rate = window.popleft()
-        self._force_sum -= oldest_force
-        self._rate_sum -= oldest_rate
-        quiet = force_mean <= SETTLE_RMS_M_S2**2 and rate_mean <= SETTLE_RMS_RAD_S**2
-        if not quiet or samples < LEAST_REST_SAMPLES:
-            return None
-        return Rest(math.sqrt(force_mean), lasted_s)
-
-
-SMOOTH_TIME_S = 0.05
-"""What is faster than this is shaking and no motion, s: motors and gears shake at 25 Hz and more."""
-REST_S = 0.3
-"""So long the specific force keeps its value at rest, s. Half-way up a slow rise it is that of gravity for a moment:
-of a minimum-jerk rise (Flash and Hogan 1985) by h = 0.3 m, whose jerk there is 30 h / T^3, for less if T < 2 s."""
-REST_BAND_M_S2 = 0.15
-"""By which the smoothed specific force may stray at rest, m/s^2, and its size from that of the rest before: noise of
-0.1 m/s^2, as of a cheap IMU, leaves 0.02 at 200 Hz."""
-REST_RATE_RAD_S = 0.1
-"""By which it may turn at rest, rad/s: five times the bias of a common gyro."""
-LONGEST_S = 3.0
-"""Time over which a rise is integrated, s; what has not been raised by then is unknown until it rests again. No rise
-keeps its acceleration for as long: then it is a rest, whatever gravity was taken for before."""
-BIAS_M_S2 = 0.05 * STANDARD_GRAVITY_M_S2
-"""Of a cheap accelerometer. At rest it is part of gravity; as the IMU tilts, it is not."""
-LEAST_TILT_RAD = math.radians(2.0)
-"""An elevator raises a robot that stands without tilting it; a hand does not. A gyro's bias of 0.01 rad/s makes as much
-in 3.5 s."""
-DOWN_SHARE = 0.5
-"""Of the height, below which it rests where it was raised from."""
-PUT_DOWN_S = 1.0
-"""At rest for so long it stands again, wherever that is, s: no hand is as still. Assumed."""
-
-_RAISED_PROBABILITY = 0.95
-
-
-class RaiseDetector:
-    """Integrates how high the sole has come since the IMU was last at rest.
-
-    A strapdown integration from rest (zero-velocity update: Skog et al. 2010) with gravity as measured there,
-
-        v' = -w x v + f - g,    g' = -w x g,    h' = (v + w x lever) . g / |g|,
-
-    less what an accelerometer's bias b makes of a tilt by an angle a from there, b sin(a) t^2 / 2. A sole in stance
-    does not rise, whatever the leg above it does; a body does not by more than its legs are long.
-    """
-
-    def __init__(self, parameters: ControllerParameters) -> None:
-        """Make a detector that has seen nothing."""
-        self.parameters = parameters
-        self.lever_m = ZERO
-        """From the IMU to the sole in the IMU's frame, m."""
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget everything: what comes cannot be compared."""
-        self._smooth: Vector | None = None
-        self._turning = 0.0
-        self._weight_m_s2: float | None = None
-        self._anchor = self._mean = self._rest = self._gravity = self._velocity = ZERO
-        self._kept_s = 0.0
-        self.disarm()
-
-    def disarm(self) -> None:
-        """Wait for the next rest: the foot left the ground or came down otherwise."""
-        self.is_raised = False
-        self._since_rest_s: float | None = None
-        self._height_m: float | None = None
-
-    def follow(self, sample: ImuSample, interval_s: float) -> None:
-        """Take the next sample, `interval_s` after the one before."""
-        _, x, y, z, p, q, r = sample
-        force = (x, y, z)
-        share = interval_s / (interval_s + SMOOTH_TIME_S)
-        self._smooth = smooth = force if self._smooth is None else towards(self._smooth, force, share)
-        self._turning += (p * p + q * q + r * r - self._turning) * share
-        strays = math.dist(smooth, self._anchor) > REST_BAND_M_S2 or self._turning > REST_RATE_RAD_S**2
-        if strays:
-            self._anchor = self._mean = smooth
-            self._kept_s = 0.0
-        else:
-            self._kept_s += interval_s
-            share = interval_s / (interval_s + REST_S)
-            self._mean = towards(self._mean, force, share)
-        if self._kept_s >= REST_S and (self._is_weight(math.hypot(*smooth)) or self._kept_s >= LONGEST_S):
-            self._rest = self._gravity = self._mean
-            self._weight_m_s2 = math.hypot(*self._mean)
-            self._velocity = ZERO
-            self._since_rest_s = 0.0
-            if not self.is_raised:
-                self._height_m = 0.0
-        elif self._since_rest_s is not None and self._height_m is not None:
-            self._since_rest_s += interval_s
-            known = self._since_rest_s <= LONGEST_S
-            self._height_m = self._height_m + interval_s * self._up_m_s(sample, interval_s) if known else None
-
-    def _is_weight(self, force_m_s2: float) -> bool:
-        """Whether a constant specific force is that of gravity, and not half of a rise."""
-        if self._weight_m_s2 is None:
-            return abs(force_m_s2 - STANDARD_GRAVITY_M_S2) < BIAS_M_S2
-        return abs(force_m_s2 - self._weight_m_s2) < REST_BAND_M_S2
-
-    def _up_m_s(self, sample: ImuSample, interval_s: float) -> float:
-        """Integrate gravity and velocity; return how fast the sole rises."""
-        _, x, y, z, p, q, r = sample
-        gx, gy, gz = self._gravity
-        gx, gy, gz = (
-            gx + interval_s * (r * gy - q * gz),
-            gy + interval_s * (p * gz - r * gx),
-            gz + interval_s * (q * gx - p * gy),
-        )
-        self._gravity = (gx, gy, gz)
-        vx, vy, vz = self._velocity
-        vx, vy, vz = (
-            vx + interval_s * (r * vy - q * vz + x - gx),
-            vy + interval_s * (p * vz - r * vx + y - gy),
-            vz + interval_s * (q * vx - p * vy + z - gz),
-        )
-        self._velocity = (vx, vy, vz)
-        lx, ly, lz = self.lever_m
-        sx, sy, sz = vx + q * lz - r * ly, vy + r * lx - p * lz, vz + p * ly - q * lx
-        return (sx * gx + sy * gy + sz * gz) / (math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0)
-
-    def _tilt_rad(self) -> float:
-        lengths = math.hypot(*self._gravity) * math.hypot(*self._rest)
-        cosine = sum(a * b for a, b in zip(self._gravity, self._rest, strict=True)) / (lengths or 1.0)
-        return math.acos(min(1.0, max(-1.0, cosine)))
-
-    def on_ground(self, time_ns: int) -> ContactEvent | None:
-        """Return a lift-off once it is higher than `height_m`, whatever the bias, and has tilted."""
-        height_m, since_s, least_m = self._height_m, self._since_rest_s, self.parameters.raised_m
-        if since_s is None or height_m is None or height_m <= least_m:
-            return None
-        tilt_rad = self._tilt_rad()
-        unsure_m = 0.5 * BIAS_M_S2 * math.sin(tilt_rad) * since_s * since_s
-        if tilt_rad < LEAST_TILT_RAD or height_m - unsure_m <= least_m:
-            return None
-        return ContactEvent(ContactKind.LIFTOFF, time_ns, height_m, METRE, since_s, _RAISED_PROBABILITY)
-
-    @property
-    def rested_s(self) -> float:
-        """How long the IMU has read gravity and nothing else, s; 0: it does not."""
-        if self._smooth is None or abs(math.hypot(*self._smooth) - STANDARD_GRAVITY_M_S2) > 2.0 * BIAS_M_S2:
-            return 0.0
-        return self._kept_s
-
-    def raise_it(self) -> None:
-        """Take that it has been raised: its height is kept while it rests in the air."""
-        self.is_raised = True
-
-    def set_down(self, time_ns: int, force_m_s2: float) -> ContactEvent | None:
-        """Return a touch-down, reported late, of what was raised and rests: for longer if not where it rose from."""
-        came_back = self._height_m is not None and self._height_m < DOWN_SHARE * self.parameters.raised_m
-        if self._kept_s < (REST_S if came_back else PUT_DOWN_S):
-            return None
-        return ContactEvent(
-            ContactKind.IMPACT, time_ns, force_m_s2, M_S2, self._kept_s, _RAISED_PROBABILITY, is_felt=came_back
-        )

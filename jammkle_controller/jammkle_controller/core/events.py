@@ -34,6 +34,10 @@ class ContactKind(enum.Enum):
     """The body came to rest after an impact."""
 
 
+CHANGES = {True: ContactKind.IMPACT, False: ContactKind.LIFTOFF}
+"""What a change of contact is, by whether the foot stands from then on."""
+
+
 class Source(enum.Enum):
     """What an event was felt on."""
 

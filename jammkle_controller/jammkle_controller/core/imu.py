@@ -104,26 +104,25 @@ class ImuGate:
 
     def admit(self, sample: ImuSample) -> Admission:
         """Judge the next sample; `interval_s` is then the time since the usable one before it, in s."""
-        admission = self._judge(sample)
-        self._counts[admission] += 1
-        return admission
-
-    def _judge(self, sample: ImuSample) -> Admission:
         # One NaN or infinity makes the sum NaN or infinite: one test instead of six.
         if not math.isfinite(sum(sample)):
-            return Admission.NOT_FINITE
-        if not _is_possible(sample):
-            return Admission.OUT_OF_RANGE
-        return self._judge_time(sample)
+            admission = Admission.NOT_FINITE
+        elif not _is_possible(sample):
+            admission = Admission.OUT_OF_RANGE
+        else:
+            admission = self._judge_time(sample)
+        self._counts[admission] += 1
+        return admission
 
     def _judge_time(self, sample: ImuSample) -> Admission:
         time_ns = sample.time_ns
         if self.last_ns is None:
             return self._use(sample, Admission.AFTER_GAP)
-        since_last_ns = time_ns - self.last_ns
-        if since_last_ns <= 0:
-            return self._judge_backward(sample, since_last_ns / NANOSECONDS_PER_SECOND)
-        since_last_s = since_last_ns / NANOSECONDS_PER_SECOND
+        since_last_s = (time_ns - self.last_ns) / NANOSECONDS_PER_SECOND
+        if since_last_s < -REORDERING_LIMIT_S:
+            return self._use(sample, Admission.RESTARTED)
+        if since_last_s <= 0.0:
+            return Admission.LATE if since_last_s < 0.0 else Admission.REPEATED
         if since_last_s <= LONGEST_GAP_S:
             self._mean_stamps_s = _mean(self._mean_stamps_s, since_last_s)
         if sample[1:] == self._last_values:
@@ -139,13 +138,6 @@ class ImuGate:
         self.last_ns = self._used_ns = sample.time_ns
         self._last_values = sample[1:]
         return admission
-
-    def _judge_backward(self, sample: ImuSample, interval_s: float) -> Admission:
-        if interval_s == 0.0:
-            return Admission.REPEATED
-        if interval_s >= -REORDERING_LIMIT_S:
-            return Admission.LATE
-        return self._use(sample, Admission.RESTARTED)
 
     def count(self, admission: Admission) -> int:
         """Samples of which the gate said this."""
@@ -280,9 +272,11 @@ class ImuWatch:
         self._seen: ImuTrouble | None = ImuTrouble.CHECKING
         self._seen_ns = 0
         self._zeros = 0
-        self._level_m_s2 = 0.0
+        self.level_m_s2 = 0.0
+        """Mean |specific force|, m/s^2, over about `LEVEL_TIME_S`."""
         self._bad_share = 0.0
-        self._clipped_share = 0.0
+        self.clipped_share = 0.0
+        """Share of recent samples at the end of the range."""
         self._peak = [0.0, 0.0, 0.0]
         self._peak_repeats = [0, 0, 0]
         self._fresh_ns = 0
@@ -291,16 +285,6 @@ class ImuWatch:
         self._step: tuple[tuple[float, float, float], int] | None = None
         self._last = (0.0, 0.0, 0.0)
         self._forget_turning()
-
-    @property
-    def level_m_s2(self) -> float:
-        """Mean |specific force|, m/s^2, over about `LEVEL_TIME_S`."""
-        return self._level_m_s2
-
-    @property
-    def clipped_share(self) -> float:
-        """Share of recent samples at the end of the range."""
-        return self._clipped_share
 
     def begin_anew(self) -> None:
         """Look at the stream as at a new one: the clock was set back, or it was silent for long."""
@@ -328,8 +312,7 @@ class ImuWatch:
         self,
         sample: ImuSample,
         admission: Admission,
-        rate_hz: float,
-        published_hz: float = 0.0,
+        rates_hz: tuple[float, float],
         *,
         stands: bool = False,
     ) -> bool:
@@ -338,13 +321,12 @@ class ImuWatch:
         Args:
             sample: The sample.
             admission: What the gate said.
-            rate_hz: Of readings that differ, Hz; 0: not known.
-            published_hz: Of stamps, with readings that are repeated, Hz; 0: as `rate_hz`.
+            rates_hz: Of readings that differ, and of stamps, with readings that are repeated, Hz; 0: not known.
             stands: Whether the foot is known to stand.
 
         """
         if self.trouble is not ImuTrouble.RATE:
-            self._rates_hz = (rate_hz, published_hz)
+            self._rates_hz = rates_hz
         time_ns = sample.time_ns
         if admission in BAD:
             self._bad_share += (1.0 - self._bad_share) / BAD_MEMORY
@@ -353,23 +335,28 @@ class ImuWatch:
             return False
         if self._begin_ns is None:
             self._begin_ns = self._fresh_ns = time_ns
-            self._level_m_s2 = math.hypot(sample.force_x, sample.force_y, sample.force_z)
+            self.level_m_s2 = math.hypot(sample.force_x, sample.force_y, sample.force_z)
             self._before_ns = time_ns
         interval_s = min(0.1, (time_ns - self._before_ns) / NANOSECONDS_PER_SECOND)
         self._before_ns = time_ns
         self._bad_share -= self._bad_share / BAD_MEMORY
-        if admission is Admission.HELD:
-            seen = self._frozen(sample)
-        else:
+        held = admission is Admission.HELD
+        if not held:
+            self._fresh_ns = time_ns
             self._look_for_step(sample, stands=stands)
-            seen = self._fresh(sample, interval_s, rate_hz, published_hz)
+        is_zero = sample.force_x == sample.force_y == sample.force_z == 0.0
+        self._zeros = self._zeros + 1 if is_zero else 0
+        if self._zeros >= DEAD_SAMPLES:
+            seen: ImuTrouble | None = ImuTrouble.DEAD
+        else:
+            seen = self._held(time_ns) if held else self._fresh(sample, interval_s, rates_hz)
         if seen is None and (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < CHECK_S:
             seen = ImuTrouble.CHECKING
         if seen is not None:
             self._note(seen, time_ns)
         elif self._seen is not None:
             self._believe_again(time_ns)
-        return self.trouble is None and admission is not Admission.HELD
+        return self.trouble is None and not held
 
     def _believe_again(self, time_ns: int) -> None:
         """Believe what was wrong a moment ago once it has been right for a while."""
@@ -404,29 +391,16 @@ class ImuWatch:
         self._step = (before, samples + 1)
         in_g = math.dist(force, [each / STANDARD_GRAVITY_M_S2 for each in before]) < UNIT_M_S2
         if samples + 1 == STEPPED_SAMPLES and self._believed_once and (stands or in_g):
-            self._level_m_s2 = math.hypot(*force)
+            self.level_m_s2 = math.hypot(*force)
 
-    def _frozen(self, sample: ImuSample) -> ImuTrouble | None:
-        if sample.force_x == sample.force_y == sample.force_z == 0.0:
-            self._zeros += 1
-            if self._zeros >= DEAD_SAMPLES:
-                return ImuTrouble.DEAD
-        stands_s = (sample.time_ns - self._fresh_ns) / NANOSECONDS_PER_SECOND
-        return ImuTrouble.FROZEN if stands_s > self.parameters.imu_frozen_s else self._seen_still()
-
-    def _seen_still(self) -> ImuTrouble | None:
+    def _held(self, time_ns: int) -> ImuTrouble | None:
         """Hold on to what was wrong while a reading is merely repeated: it says nothing new."""
+        if (time_ns - self._fresh_ns) / NANOSECONDS_PER_SECOND > self.parameters.imu_frozen_s:
+            return ImuTrouble.FROZEN
         return None if self._seen is ImuTrouble.CHECKING else self._seen
 
-    def _fresh(self, sample: ImuSample, interval_s: float, rate_hz: float, published_hz: float) -> ImuTrouble | None:
-        self._fresh_ns = sample.time_ns
+    def _fresh(self, sample: ImuSample, interval_s: float, rates_hz: tuple[float, float]) -> ImuTrouble | None:
         x, y, z = sample.force_x, sample.force_y, sample.force_z
-        if x == y == z == 0.0:
-            self._zeros += 1
-            if self._zeros >= DEAD_SAMPLES:
-                return ImuTrouble.DEAD
-        else:
-            self._zeros = 0
         force = math.sqrt(x * x + y * y + z * z)
         # A mean of what was seen so far, until it is believed: who begins to look in mid-air has landed soon, and who
         # has stood for a moment may fall.
@@ -434,24 +408,24 @@ class ImuWatch:
         level_time_s = LEVEL_TIME_S if self._believed_once else min(LEVEL_TIME_S, max(CHECK_S, seen_s))
         if self._seen in _OFF_LEVEL and abs(force - STANDARD_GRAVITY_M_S2) < QUIET_M_S2:
             level_time_s = CHECK_S  # it reads gravity again: what it read before says nothing more
-        self._level_m_s2 += (force - self._level_m_s2) * interval_s / (interval_s + level_time_s)
-        if self._level_m_s2 < LEAST_LEVEL_M_S2:
+        self.level_m_s2 += (force - self.level_m_s2) * interval_s / (interval_s + level_time_s)
+        if self.level_m_s2 < LEAST_LEVEL_M_S2:
             return ImuTrouble.TOO_SMALL
-        if self._level_m_s2 > LARGEST_LEVEL_M_S2:
+        if self.level_m_s2 > LARGEST_LEVEL_M_S2:
             return ImuTrouble.TOO_LARGE
         if self._is_clipped((x, y, z), interval_s):
             return ImuTrouble.CLIPPED
-        if rate_hz > 0.0 and self._is_off(rate_hz, published_hz, sample.time_ns):
+        if self._is_off(rates_hz, seen_s):
             return ImuTrouble.RATE
         return self._turning(sample, force, interval_s)
 
-    def _is_off(self, rate_hz: float, published_hz: float, time_ns: int) -> bool:
+    def _is_off(self, rates_hz: tuple[float, float], seen_s: float) -> bool:
         """Whether readings are too few, or neither they nor what is published come at the configured rate."""
-        if self._begin_ns is None or (time_ns - self._begin_ns) / NANOSECONDS_PER_SECOND < LEVEL_TIME_S:
+        if rates_hz[0] <= 0.0 or seen_s < LEVEL_TIME_S:
             return False
         wanted_hz = self.parameters.imu_rate_hz
-        fits = any(wanted_hz / RATE_RATIO <= each <= wanted_hz * RATE_RATIO for each in (rate_hz, published_hz))
-        return rate_hz < LEAST_RATE_HZ or (wanted_hz > 0.0 and not fits)
+        fits = any(wanted_hz / RATE_RATIO <= each <= wanted_hz * RATE_RATIO for each in rates_hz)
+        return rates_hz[0] < LEAST_RATE_HZ or (wanted_hz > 0.0 and not fits)
 
     def _is_clipped(self, force: tuple[float, float, float], interval_s: float) -> bool:
         """Learn the range as the largest value that comes again and again exactly, and count what reads it."""
@@ -466,8 +440,8 @@ class ImuWatch:
             elif size == self._peak[axis]:
                 self._peak_repeats[axis] += 1
             clipped |= size == self._peak[axis] and self._peak_repeats[axis] >= CLIP_REPEATS
-        self._clipped_share += (clipped - self._clipped_share) * interval_s / (interval_s + CLIP_TIME_S)
-        return self._clipped_share > LARGEST_CLIPPED_SHARE
+        self.clipped_share += (clipped - self.clipped_share) * interval_s / (interval_s + CLIP_TIME_S)
+        return self.clipped_share > LARGEST_CLIPPED_SHARE
 
     def _forget_turning(self) -> None:
         self._direction: tuple[float, float, float] | None = None
@@ -486,26 +460,25 @@ class ImuWatch:
         n = (sample.force_x / force, sample.force_y / force, sample.force_z / force)
         w = (sample.rate_x, sample.rate_y, sample.rate_z)
         claim = (n[1] * w[2] - n[2] * w[1], n[2] * w[0] - n[0] * w[2], n[0] * w[1] - n[1] * w[0])
-        if self._direction is None:
-            self._direction = n
         share = interval_s / (interval_s + TURN_TIME_S)
         self._unrest_m_s2 += (abs(force - STANDARD_GRAVITY_M_S2) - self._unrest_m_s2) * share
-        d, c = self._direction, self._claimed
+        d, c = self._direction or n, self._claimed
         d = (d[0] + (n[0] - d[0]) * share, d[1] + (n[1] - d[1]) * share, d[2] + (n[2] - d[2]) * share)
         c = (c[0] + (claim[0] - c[0]) * share, c[1] + (claim[1] - c[1]) * share, c[2] + (claim[2] - c[2]) * share)
         self._direction, self._claimed = d, c
+        claimed_squared = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
         keep = 1.0 - interval_s / (interval_s + TURN_FORGETTING_S)
         self._claimed_squared *= keep
         self._shown *= keep
         if self._unrest_m_s2 < QUIET_M_S2:
             turns = ((n[0] - d[0]) / TURN_TIME_S, (n[1] - d[1]) / TURN_TIME_S, (n[2] - d[2]) / TURN_TIME_S)
-            self._claimed_squared += interval_s * (c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
+            self._claimed_squared += interval_s * claimed_squared
             self._shown += interval_s * (c[0] * turns[0] + c[1] * turns[1] + c[2] * turns[2])
         most = TURN_EVIDENCE_RAD2_S * MOST_EVIDENCE
         if self._claimed_squared > most:
             self._shown *= most / self._claimed_squared
             self._claimed_squared = most
-        if self._claimed_squared < TURN_EVIDENCE_RAD2_S or c[0] * c[0] + c[1] * c[1] + c[2] * c[2] < CLAIM_RAD_S**2:
+        if self._claimed_squared < TURN_EVIDENCE_RAD2_S or claimed_squared < CLAIM_RAD_S**2:
             return None
         ratio = self._shown / self._claimed_squared
         if ratio < LARGEST_OPPOSED_RATIO:

@@ -6,97 +6,21 @@ import enum
 import math
 import statistics
 from collections import deque
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_controller.core.ankle_contact import AnkleContact
-from jammkle_controller.core.events import NEWTON, NO_UNIT, RADIAN, ContactEvent, ContactKind, Source
-from jammkle_controller.core.leg import LegLoad
+from jammkle_controller.core.events import CHANGES, NO_UNIT, ContactEvent, Source
+from jammkle_controller.core.leg_contact import AnkleContact, LegLoad, LoadContact
 from jammkle_controller.core.slip import SoleSlip
-from jammkle_controller.core.stepping import learned_swing, probability_of
+from jammkle_controller.core.stepping import learned_swing
 
 if TYPE_CHECKING:
-    from jammkle_controller.core.ankle_contact import AnkleReading
-    from jammkle_controller.core.leg import BodyTwist, Leg, LegPose, LegReading
+    from collections.abc import Sequence
+
+    from jammkle_controller.core.leg import Leg
+    from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+    from jammkle_controller.core.slip import BodyTwist, LegPose
     from jammkle_controller.parameters import ControllerParameters
-
-SPREAD_N = 2.0
-"""Standard deviation of the load of a foot that swings, N: what `LegLoad` leaves of a hip that is accelerated, and of
-masses and efforts that are not quite those. Learned on swings of the simulated leg (-2.8 to 3.6 N is nine of ten)."""
-STANDS_PROBABILITY = 0.9
-LEFT_PROBABILITY = 0.3
-"""Above and below which a foot stands and has left (Schmitt's trigger): 6 and 3 N at a usual load of 20 N. Light as it
-is, no load makes a swing surer than 0.9, as a stance may be as light."""
-USUAL_TIME_S = 2.0
-"""Time constant of the usual load, s, in which only a foot that stands counts: some strides."""
-MOST_SPREADS = 6.0
-"""No load is surer than this many: a model errs in more ways than a Gaussian does."""
-LEAST_USUAL_N = 4.0 * SPREAD_N
-"""A foot that never bears more is not separated from one that swings."""
-
-
-@dataclass(frozen=True)
-class LoadChange:
-    """A foot has begun or ceased to stand."""
-
-    stands: bool
-    load_n: float
-    delay_s: float
-    """Since the load first said so, more likely than not."""
-    probability: float
-    """That it is so."""
-
-
-class LoadContact:
-    """Decides from each load whether the foot stands.
-
-    A swing's load is Gaussian about 0 with SPREAD_N; a stance's may be anything up to twice the usual load W, which is
-    its mean. The logarithm of the ratio of their densities at F > 0 is
-
-        l = log(SPREAD_N sqrt(2 pi) / (2 W)) + F^2 / (2 SPREAD_N^2)
-
-    and what it says is taken anew at each reading: errors of a model do not average out within a step.
-    """
-
-    def __init__(self) -> None:
-        """Have felt nothing: whether it stands is not known before a load says so."""
-        self.stands: bool | None = None
-        self._usual_n = 0.0
-        self._time_ns: int | None = None
-        self._side = True
-        self._side_ns = 0
-
-    @property
-    def usual_n(self) -> float:
-        """What it bears in a stance, N; 0 before the first load."""
-        return self._usual_n
-
-    def update(self, load_n: float, time_ns: int) -> LoadChange | None:
-        """Take the load, N, at a time; return whether the foot stands, if that has changed since it was first known."""
-        elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
-        if self._time_ns is None:
-            self._usual_n = load_n
-        self._time_ns = time_ns
-        if self.stands is not False:
-            self._usual_n += (load_n - self._usual_n) * elapsed_s / (elapsed_s + USUAL_TIME_S)
-        probability = self._probability(load_n)
-        if (probability > 0.5) is not self._side:  # noqa: PLR2004 - more likely than not
-            self._side, self._side_ns = not self._side, time_ns
-        if LEFT_PROBABILITY < probability < STANDS_PROBABILITY or (probability >= STANDS_PROBABILITY) is self.stands:
-            return None
-        known, self.stands = self.stands is not None, probability >= STANDS_PROBABILITY
-        if not known:
-            return None
-        delay_s = (time_ns - self._side_ns) / NANOSECONDS_PER_SECOND if self._side is self.stands else 0.0
-        return LoadChange(self.stands, load_n, delay_s, probability if self.stands else 1.0 - probability)
-
-    def _probability(self, load_n: float) -> float:
-        """Return the probability that the foot stands."""
-        usual_n = max(LEAST_USUAL_N, self._usual_n)
-        spreads = min(MOST_SPREADS, max(0.0, load_n / SPREAD_N))
-        return probability_of(math.log(SPREAD_N * math.sqrt(2.0 * math.pi) / (2.0 * usual_n)) + spreads**2 / 2.0)
-
 
 FLIGHTS = 3
 """As many flights in a row must have lasted about as long before the next one is foreseen."""
@@ -152,9 +76,7 @@ class GaitPhase:
         self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
-        """Take the phase, 0 to 1, at a time, ns; anything else is ignored."""
-        if not 0.0 <= phase <= 1.0:
-            return
+        """Take the phase, 0 to 1, at a time, ns."""
         if self._time_ns is not None and 0 < time_ns - self._time_ns < self.SILENT_S * NANOSECONDS_PER_SECOND:
             gained = (phase - self._phase) % 1.0
             rate_hz = gained * NANOSECONDS_PER_SECOND / (time_ns - self._time_ns)
@@ -210,6 +132,13 @@ PLANNED_PROBABILITY = 0.9
 """Assumed, of what a plan says: a gait misses its plan on stairs and holes."""
 
 
+class AnkleAngles(NamedTuple):
+    """Roll and pitch of the ankle, rad; what is no number is not measured."""
+
+    roll_rad: float
+    pitch_rad: float
+
+
 class Input(enum.Enum):
     """What may be received."""
 
@@ -223,10 +152,15 @@ class Input(enum.Enum):
     ODOMETRY = "odometry"
 
 
+_SAYS = {
+    Input.CONTACT_SWITCH: (Source.CONTACT_SWITCH, 1.0),
+    Input.LOAD: (Source.LOAD, 1.0),
+    Input.PLANNED_CONTACT: (Source.GAIT, PLANNED_PROBABILITY),
+    Input.GAIT_PHASE: (Source.GAIT, PLANNED_PROBABILITY),
+}
+"""Source and probability of the events of what says itself whether the foot stands."""
 LEG_SENSORS = (Input.ANKLE, Input.EFFORTS)
 """What feels every step of a foot by itself, the surer first: a toe that grazes the ground makes an effort, too."""
-ANKLE = "ankle"
-"""Name of the learned ratio of the ankle's angles."""
 
 
 class ContactInputs:
@@ -249,7 +183,7 @@ class ContactInputs:
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
         self._ankle_contact = (
-            AnkleContact(learned_swing(ANKLE), parameters.hang_pitch_rad) if parameters.takes_blows else None
+            AnkleContact(learned_swing("ankle"), parameters.hang_pitch_rad) if parameters.takes_blows else None
         )
         self.sole: SoleSlip | None = None
 
@@ -266,47 +200,44 @@ class ContactInputs:
 
     def measured_contact(self, time_ns: int) -> bool | None:
         """Whether a sensor of contact says that the foot stands; None: there is none."""
-        shown_by = self.contact_sensor(time_ns)
-        return None if shown_by is None else self._in_contact[shown_by]
+        return self._said_by(self.contact_sensor(time_ns))
 
     def contact_sensor(self, time_ns: int) -> Input | None:
         """Which sensor of contact is believed now; None: there is none."""
-        here = self.received(time_ns)
-        for each in (Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS):
-            if each in here and each in self._in_contact:
-                return each
-        return None
+        return self._first((Input.CONTACT_SWITCH, Input.LOAD, *LEG_SENSORS), time_ns)
 
     def planned_contact(self, time_ns: int) -> bool | None:
         """Whether the gait plans contact now; None: no gait is received."""
-        for each in (Input.PLANNED_CONTACT, Input.GAIT_PHASE):
-            if self._is_recent(each, time_ns):
-                return self._in_contact[each]
-        return None
+        return self._said_by(self._first((Input.PLANNED_CONTACT, Input.GAIT_PHASE), time_ns))
 
     def leg_contact(self, time_ns: int) -> bool | None:
         """Whether the ankle's angles, or else the efforts of the leg, say that the foot stands; None: neither does."""
-        for each in LEG_SENSORS:
-            if each in self._in_contact and self._is_recent(each, time_ns):
-                return self._in_contact[each]
-        return None
+        return self._said_by(self._first(LEG_SENSORS, time_ns))
+
+    def _first(self, inputs: Sequence[Input], time_ns: int) -> Input | None:
+        return next((each for each in inputs if each in self._in_contact and self._is_recent(each, time_ns)), None)
+
+    def _said_by(self, which: Input | None) -> bool | None:
+        return None if which is None else self._in_contact[which]
 
     def shows_contact(self, time_ns: int) -> bool:
         """Whether anything beside the IMU shows contact."""
-        planned = {Input.GAIT_PHASE, Input.PLANNED_CONTACT} & set(self.received(time_ns))
-        return bool(planned) or self.measured_contact(time_ns) is not None
+        return self.planned_contact(time_ns) is not None or self.measured_contact(time_ns) is not None
 
     def on_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
         """Take a contact switch."""
-        return self._change(Input.CONTACT_SWITCH, Source.CONTACT_SWITCH, time_ns, 1.0, contact=closed)
+        return self._change(Input.CONTACT_SWITCH, time_ns, contact=closed)
 
     def on_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
         """Take whether the gait plans contact now."""
-        return self._change(Input.PLANNED_CONTACT, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=contact)
+        return self._change(Input.PLANNED_CONTACT, time_ns, contact=contact)
 
     def on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
-        """Take the load on the foot, N, positive."""
-        if not self.parameters.use_load or not math.isfinite(load_n):
+        """Take the load on the foot, N, positive; a leg that hangs on the cell of its rig pulls, without `use_load`."""
+        if not math.isfinite(load_n):
+            return None
+        self._pull_n, self._pull_ns = -load_n, time_ns
+        if not self.parameters.use_load:
             return None
         before_ns = self._received_ns.get(Input.LOAD, time_ns)
         elapsed_s = max(0.0, (time_ns - before_ns) / NANOSECONDS_PER_SECOND)
@@ -324,7 +255,7 @@ class ContactInputs:
             return None
         if (time_ns - self._load_side_ns) / NANOSECONDS_PER_SECOND < LOAD_CONFIRM_S:
             return None
-        return self._change(Input.LOAD, Source.LOAD, time_ns, 1.0, contact=stands)
+        return self._change(Input.LOAD, time_ns, contact=stands)
 
     def on_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
         """Take the gait's phase: 0 at touch-down, 1 at the next.
@@ -334,20 +265,16 @@ class ContactInputs:
         if not 0.0 <= phase <= 1.0:
             return None
         self.gait.on_phase(phase, time_ns)
-        stands = phase < self.parameters.stance_share
-        change = self._change(Input.GAIT_PHASE, Source.GAIT, time_ns, PLANNED_PROBABILITY, contact=stands)
+        change = self._change(Input.GAIT_PHASE, time_ns, contact=phase < self.parameters.stance_share)
         return None if self._is_recent(Input.PLANNED_CONTACT, time_ns) else change
 
-    def on_roll(self, roll_rad: float, time_ns: int) -> None:
-        """Take the ankle's roll, rad."""
-        if math.isfinite(roll_rad):
+    def on_angles(self, angles: AnkleAngles, time_ns: int) -> None:
+        """Take roll and pitch of the ankle."""
+        if math.isfinite(angles.roll_rad):
             self._received_ns[Input.JOINTS] = time_ns
-            self.roll_rad = roll_rad
-
-    def on_pitch(self, pitch_rad: float) -> None:
-        """Take the ankle's pitch, rad, that comes with its roll."""
-        if math.isfinite(pitch_rad):
-            self._pitch_rad = pitch_rad
+            self.roll_rad = angles.roll_rad
+        if math.isfinite(angles.pitch_rad):
+            self._pitch_rad = angles.pitch_rad
 
     def deflection_rad(self, time_ns: int) -> float:
         """How far roll and pitch of the ankle are from where a soft ankle hangs, rad; 0 where they are not received."""
@@ -364,11 +291,6 @@ class ContactInputs:
         """What the foot usually bears in a stance, N, by load or efforts; 0: not known."""
         return max(self._usual_load_n, self._leg_contact.usual_n)
 
-    def on_pull(self, pull_n: float, time_ns: int) -> None:
-        """Take the tension of a load cell that the leg hangs on in a rig, N; what presses is negative."""
-        if math.isfinite(pull_n):
-            self._pull_n, self._pull_ns = pull_n, time_ns
-
     def hangs(self, time_ns: int) -> bool | None:
         """Whether, at rest, the leg hangs on its load cell or presses on the ground; None: there is none that says."""
         lately = abs(time_ns - self._pull_ns) < SILENT_S * NANOSECONDS_PER_SECOND
@@ -382,13 +304,11 @@ class ContactInputs:
         if load_n is None:
             return None
         self._received_ns[Input.EFFORTS] = time_ns
-        change = self._leg_contact.update(0.0 if falls else load_n, time_ns)
+        change = self._leg_contact.update(load_n, time_ns, falls=falls)
         if self._leg_contact.stands is not None:
             self._in_contact[Input.EFFORTS] = self._leg_contact.stands
-        if change is None or (Input.ANKLE in self._in_contact and self._is_recent(Input.ANKLE, time_ns)):
-            return None  # the ankle knows better
-        kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
-        return ContactEvent(kind, time_ns, load_n, NEWTON, change.delay_s, change.probability, Source.EFFORTS)
+        ankle_knows_better = Input.ANKLE in self._in_contact and self._is_recent(Input.ANKLE, time_ns)
+        return None if ankle_knows_better else change
 
     def fly(self) -> None:
         """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
@@ -404,10 +324,7 @@ class ContactInputs:
         change = self._ankle_contact.update(reading, time_ns)
         if self._ankle_contact.stands is not None:
             self._in_contact[Input.ANKLE] = self._ankle_contact.stands
-        if change is None:
-            return None
-        kind = ContactKind.IMPACT if change.stands else ContactKind.LIFTOFF
-        return ContactEvent(kind, time_ns, change.angle_rad, RADIAN, change.delay_s, change.probability, Source.ANKLE)
+        return change
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take angles and rates from the body down to the foot, and whether the foot stands, as far as known."""
@@ -423,10 +340,9 @@ class ContactInputs:
 
     def _note_sole(self, slip: ContactEvent | None, time_ns: int) -> ContactEvent | None:
         """Note that the odometry is received: once it has given a speed of the sole."""
-        if self.sole is not None and self.sole.paired_ns is not None:
-            if self.sole.paired_ns != self._paired_ns:
-                self._received_ns[Input.ODOMETRY] = time_ns
+        if self.sole is not None and self.sole.paired_ns not in {None, self._paired_ns}:
             self._paired_ns = self.sole.paired_ns
+            self._received_ns[Input.ODOMETRY] = time_ns
         return slip
 
     def is_another_foots(self, time_ns: int) -> bool:
@@ -441,13 +357,11 @@ class ContactInputs:
         silent_s = PLAN_SILENT_S if which is Input.PLANNED_CONTACT else SILENT_S
         return abs(time_ns - at_ns) < silent_s * NANOSECONDS_PER_SECOND
 
-    def _change(
-        self, which: Input, source: Source, time_ns: int, probability: float, *, contact: bool
-    ) -> ContactEvent | None:
+    def _change(self, which: Input, time_ns: int, *, contact: bool) -> ContactEvent | None:
         self._received_ns[which] = time_ns
         before = self._in_contact.get(which)
         self._in_contact[which] = contact
         if before is None or before is contact:
             return None
-        kind = ContactKind.IMPACT if contact else ContactKind.LIFTOFF
-        return ContactEvent(kind, time_ns, 1.0, NO_UNIT, 0.0, probability, source)
+        source, probability = _SAYS[which]
+        return ContactEvent(CHANGES[contact], time_ns, 1.0, NO_UNIT, 0.0, probability, source)

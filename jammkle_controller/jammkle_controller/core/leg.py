@@ -1,37 +1,25 @@
-"""A leg of two links: the load on its foot from efforts, and the speed of its sole from odometry and joints."""
+"""What a leg is, read from the robot's URDF (REP-103 frames, SI): lengths, masses, its place on the body, its sole.
+
+The leg's joints are called as in joint_states, behind a prefix where the description has several legs. Hip and knee
+turn about y, to the left; at zero the links hang straight below one another, each with its mass about half-way down.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+from xml.etree import ElementTree as ET
 
-from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
-from jammkle_controller.core.motion import ZERO, Vector, cross
+from jammkle_common.names import ANKLE_JOINTS
+from jammkle_common.parameters import ParameterError
+from jammkle_controller.core.motion import ZERO, Vector, cross, dot
 
-FOLLOW_TIME_S = 0.003
-"""Time constant with which the load follows, s: two looks at 500 Hz, so that the noise of one rate does not count."""
-LONGEST_S = 0.05
-"""Readings further apart than this are not compared, s: a torque changes in between."""
-LEAST_BEND = 0.1
-"""Sine of the knee's angle below which a straight leg hides the load: torques do not show it there. Six degrees."""
-_HIGHEST = 1e4
-"""Angles, rates and efforts beyond it are none, rad, rad/s, N m."""
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
-
-class LegReading(NamedTuple):
-    """Angles, rad, rates, rad/s, and efforts, N m, of hip and knee: counted from straight down and from the thigh.
-
-    An angle about y, to the left, turns what hangs down backward. An effort is that of the servo on the joint, in the
-    mean since the last control step, as drives report it.
-    """
-
-    hip_rad: float
-    knee_rad: float
-    hip_rad_s: float
-    knee_rad_s: float
-    hip_n_m: float
-    knee_n_m: float
+    from jammkle_controller.parameters import ControllerParameters
 
 
 @dataclass(frozen=True)
@@ -65,173 +53,249 @@ class Leg:
     """From the IMU to the middle of the sole, in the IMU's frame."""
 
 
-class LegLoad:
-    """Observes the force on a foot by the generalised momentum of its leg.
+STRAIGHT = 0.05
+"""Largest share of a link's length by which its lower joint may be before or behind its upper one at zero."""
+_ANKLE = ANKLE_JOINTS[1]
+"""The joint of the ankle that comes first, below the shank: its pitch."""
+_X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+_TO_AXIS = 1e-3
 
-    With p = M(q) q' of a double pendulum, the torques that no servo makes are a first-order low-pass of
-    p' - tau - C^T q' + g (De Luca, Albu-Schaeffer, Haddadin, Hirzinger, "Collision Detection and Safe Reaction with the
-    DLR-III Lightweight Manipulator Arm", IROS 2006), here over the interval between two readings:
 
-        r <- r + ((p1 - p0) / dt - mean(tau + C^T q' - g) - r) dt / (dt + FOLLOW_TIME_S),    r = J^T F
+class _Place(NamedTuple):
+    """A frame in another: its origin, m, and its axes."""
 
-    The hip is taken as unaccelerated and upright, which leaves some newtons in a swing (`inputs.SPREAD_N`), and
-    the force as acting at the ankle: what its tendons bear of a force at toe or heel is some newtons in a stance.
+    origin: Vector
+    axes: tuple[Vector, Vector, Vector]
+
+    def point(self, point: Vector) -> Vector:
+        """Return a point of the frame in the other."""
+        x, y, z = (sum(point[k] * self.axes[k][i] for k in range(3)) for i in range(3))
+        return (self.origin[0] + x, self.origin[1] + y, self.origin[2] + z)
+
+    def within(self, inner: _Place) -> _Place:
+        """Return a frame that is given in this one in the other."""
+        turned = [tuple(a - b for a, b in zip(self.point(axis), self.origin, strict=True)) for axis in inner.axes]
+        return _Place(self.point(inner.origin), (turned[0], turned[1], turned[2]))  # type: ignore[arg-type]  # three each
+
+    def local(self, point: Vector) -> Vector:
+        """Return a point of the other in this frame."""
+        way = (point[0] - self.origin[0], point[1] - self.origin[1], point[2] - self.origin[2])
+        return (dot(way, self.axes[0]), dot(way, self.axes[1]), dot(way, self.axes[2]))
+
+
+_HERE = _Place(ZERO, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+
+class _Joint(NamedTuple):
+    """A joint of the description."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    place: _Place
+    axis: Vector
+
+
+class _Tree:
+    """Links and joints of a description, at zero angles."""
+
+    def __init__(self, text: str) -> None:
+        try:
+            root = ET.fromstring(text)  # noqa: S314 - the robot's own description; ElementTree loads nothing from outside
+        except ET.ParseError as error:
+            msg = f"robot_description is no XML: {error}"
+            raise ParameterError(msg) from error
+        self._links = {link.get("name", ""): link for link in root.findall("link")}
+        self.joints = {joint.name: joint for joint in map(_joint, root.findall("joint"))}
+        self.above = {joint.child: joint for joint in self.joints.values()}
+
+    def link(self, name: str) -> ET.Element:
+        """Return a link by its name.
+
+        Raises:
+            ParameterError: there is none.
+
+        """
+        if name not in self._links:
+            msg = f"robot_description has no link '{name}'"
+            raise ParameterError(msg)
+        return self._links[name]
+
+    def joint(self, prefix: str, name: str) -> _Joint:
+        """Return a joint by its name, with the prefix or, where the description has the whole name, without.
+
+        Raises:
+            ParameterError: there is none.
+
+        """
+        found = self.joints.get(prefix + name, self.joints.get(name))
+        if found is None:
+            moving = ", ".join(joint.name for joint in self.joints.values() if joint.kind != "fixed")
+            msg = f"robot_description has no joint '{prefix}{name}' (joint_prefix and name); it has: {moving}"
+            raise ParameterError(msg)
+        return found
+
+    def place(self, link: str, base: str = "") -> _Place:
+        """Return where a link is in another above it; empty: in the root."""
+        place = _HERE
+        while link != base and link in self.above:
+            joint = self.above[link]
+            place = joint.place.within(place)
+            link = joint.parent
+        return place
+
+    def below(self, link: str) -> Iterator[str]:
+        """Return a link and every one that hangs on it."""
+        yield link
+        for joint in self.joints.values():
+            if joint.parent == link:
+                yield from self.below(joint.child)
+
+    def mass(self, link: str) -> tuple[float, Vector]:
+        """Return mass, kg, and its centre, in that link's frame, of a link and what hangs on it."""
+        mass_kg, moment = 0.0, [0.0, 0.0, 0.0]
+        for name in self.below(link):
+            inertial = self.link(name).find("inertial")
+            if inertial is None:
+                continue
+            own_kg = float(_attribute(inertial, "mass", "value", "0"))
+            centre = self.place(name, link).point(_place(inertial).origin)
+            mass_kg += own_kg
+            moment = [sum_ + own_kg * part for sum_, part in zip(moment, centre, strict=True)]
+        x, y, z = (part / mass_kg if mass_kg else 0.0 for part in moment)
+        return mass_kg, (x, y, z)
+
+
+def leg_of(description: str, parameters: ControllerParameters) -> Leg:
+    """Return the leg of a controller.
+
+    Args:
+        description: URDF of the robot.
+        parameters: Which joints are the leg's, and which link carries the IMU.
+
+    Raises:
+        ParameterError: it is no URDF, lacks a joint or link, or the leg is built otherwise; the line says which.
+
     """
-
-    def __init__(self, leg: Leg, armature_kg_m2: float) -> None:
-        """Know the leg, and the inertia of its motors behind their gears."""
-        self._leg = leg
-        self._armature_kg_m2 = armature_kg_m2
-        rod = 4.0 / 3.0  # of a rod about its end, in units of its mass by its centre's distance squared
-        self._coupling = leg.shank_kg * leg.thigh_m * leg.shank_centre_m
-        self._shank = rod * leg.shank_kg * leg.shank_centre_m**2
-        self._both = leg.thigh_m**2 * (leg.thigh_kg / 3.0 + leg.shank_kg) + self._shank + armature_kg_m2
-        self._thigh_weight_n_m = STANDARD_GRAVITY_M_S2 * leg.thigh_m * (leg.thigh_kg / 2.0 + leg.shank_kg)
-        self._shank_weight_n_m = STANDARD_GRAVITY_M_S2 * leg.shank_kg * leg.shank_centre_m
-        self._before: tuple[int, float, float, float, float] | None = None
-        self._hip_n_m = self._knee_n_m = 0.0
-
-    def update(self, reading: LegReading, time_ns: int) -> float | None:
-        """Return how hard the ground presses up on the foot, N, at a reading; None: it is not known now."""
-        if not all(abs(value) < _HIGHEST for value in reading):  # a NaN is not less than anything
-            return None
-        hip, knee, hip_rate, knee_rate, hip_n_m, knee_n_m = reading
-        sine, cosine = math.sin(knee), math.cos(knee)
-        both = self._shank + self._coupling * cosine
-        momentum = (self._both + 2.0 * self._coupling * cosine) * hip_rate + both * knee_rate
-        knee_momentum = both * hip_rate + (self._shank + self._armature_kg_m2) * knee_rate
-        weight_n_m = self._shank_weight_n_m * math.sin(hip + knee)
-        pull = hip_n_m - self._thigh_weight_n_m * math.sin(hip) - weight_n_m
-        knee_pull = knee_n_m - weight_n_m - self._coupling * sine * hip_rate * (hip_rate + knee_rate)
-        before, self._before = self._before, (time_ns, momentum, knee_momentum, pull, knee_pull)
-        if before is None:
-            return None
-        elapsed_s = (time_ns - before[0]) / NANOSECONDS_PER_SECOND
-        if not 0.0 < elapsed_s <= LONGEST_S:
-            return None
-        share = elapsed_s / (elapsed_s + FOLLOW_TIME_S)
-        unexplained = (momentum - before[1]) / elapsed_s - (pull + before[3]) / 2.0
-        knee_unexplained = (knee_momentum - before[2]) / elapsed_s - (knee_pull + before[4]) / 2.0
-        self._hip_n_m += (unexplained - self._hip_n_m) * share
-        self._knee_n_m += (knee_unexplained - self._knee_n_m) * share
-        # r = J^T F solved for the upward part, with both torques: what rubs along the ground does not count.
-        if abs(sine) < LEAST_BEND:
-            return None
-        leg = self._leg
-        shank_m = leg.shank_m * math.cos(hip + knee)
-        both_m = leg.thigh_m * math.cos(hip) + shank_m
-        return (both_m * self._knee_n_m - shank_m * self._hip_n_m) / (leg.thigh_m * leg.shank_m * sine)
+    tree = _Tree(description)
+    prefix = parameters.joint_prefix
+    hip, knee, ankle = (tree.joint(prefix, name) for name in (parameters.hip_joint, parameters.knee_joint, _ANKLE))
+    for joint in (hip, knee, ankle):
+        if math.dist(joint.axis, _Y) > _TO_AXIS:
+            msg = f"joint '{joint.name}' of robot_description turns about {joint.axis}; it must be 0 1 0, to the left"
+            raise ParameterError(msg)
+    abduction = _abduction(tree, hip.parent)
+    top = abduction or hip
+    to_knee = tree.place(knee.parent, hip.child).within(knee.place).origin
+    to_ankle = tree.place(ankle.parent, knee.child).within(ankle.place)
+    for what, way in ((knee, to_knee), (ankle, to_ankle.origin)):
+        if way[2] >= 0.0 or abs(way[0]) > STRAIGHT * -way[2]:
+            msg = f"joint '{what.name}' of robot_description is at {way} of the one above; it must be straight below it"
+            raise ParameterError(msg)
+    offset_m = to_knee[1] + to_ankle.origin[1]
+    if abduction is not None:
+        offset_m += tree.place(hip.parent, abduction.child).within(hip.place).origin[1]
+    both_kg, _ = tree.mass(hip.child)
+    shank_kg, centre = tree.mass(knee.child)
+    toe_m, heel_m, half_width_m, sole_m = _sole(tree, ankle)
+    return Leg(
+        thigh_m=-to_knee[2],
+        shank_m=-to_ankle.origin[2],
+        thigh_kg=both_kg - shank_kg,
+        shank_kg=shank_kg,
+        shank_centre_m=-centre[2],
+        abduction="" if abduction is None else abduction.name.removeprefix(prefix),
+        hip_m=tree.place(top.parent).within(top.place).origin,
+        offset_m=offset_m,
+        lean_rad=math.atan2(to_ankle.axes[2][0], to_ankle.axes[2][2]),
+        toe_m=toe_m,
+        heel_m=heel_m,
+        half_width_m=half_width_m,
+        sole_m=sole_m,
+        lever_m=_lever(tree, ankle, sole_m, parameters.imu_link),
+    )
 
 
-LEVEL_M = 0.003
-"""Corners of the sole that are higher than the lowest one by this count by 1/e, m: a body that is 0.03 rad (1.7 deg)
-off the ground's own slope sees those of a foot of 0.1 m so far apart."""
+def _abduction(tree: _Tree, link: str) -> _Joint | None:
+    """Return the joint about x above the hip, if there is one."""
+    while link in tree.above:
+        joint = tree.above[link]
+        if joint.kind != "fixed":
+            return joint if math.dist(joint.axis, _X) <= _TO_AXIS else None
+        link = joint.parent
+    return None
 
-_Frame = tuple[Vector, Vector, Vector]
-_UPRIGHT: _Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
+def _sole(tree: _Tree, ankle: _Joint) -> tuple[float, float, float, float]:
+    """Return how far what touches the ground reaches from the ankle's joint: forward, backward, sideways, down, m.
 
-class LegPose(NamedTuple):
-    """Angles, rad, and rates, rad/s, of a leg and its ankle, in the order of the joints from the body on.
-
-    Abduction turns about x of the body, hip and knee about y, counted as in `LegReading`; then the ankle's pitch, roll
-    and yaw. NaN for the three of the ankle: it is not measured.
+    Of spheres the lowest points count, of boxes the corners; meshes say nothing, and the sole is then the joint.
     """
-
-    abduction_rad: float
-    hip_rad: float
-    knee_rad: float
-    pitch_rad: float
-    roll_rad: float
-    yaw_rad: float
-    abduction_rad_s: float
-    hip_rad_s: float
-    knee_rad_s: float
-    pitch_rad_s: float
-    roll_rad_s: float
-    yaw_rad_s: float
-
-
-class BodyTwist(NamedTuple):
-    """How the body moves, in its own frame: x forward, y to the left, z up."""
-
-    time_ns: int
-    linear_m_s: Vector
-    """Velocity of its origin."""
-    angular_rad_s: Vector
-    spread_m_s: float = 0.0
-    """Standard deviation of that velocity, per axis; 0: not reported."""
+    points = []
+    for name in tree.below(ankle.child):
+        place = tree.place(name, ankle.child)
+        for collision in tree.link(name).findall("collision"):
+            shape = place.within(_place(collision))
+            radius = _attribute(collision, "geometry/sphere", "radius", "")
+            size = _numbers(_attribute(collision, "geometry/box", "size", ""))
+            if radius:
+                x, y, z = shape.origin
+                points.append((x, y, z - float(radius)))
+            elif size:
+                corners = itertools.product(*((-edge / 2.0, edge / 2.0) for edge in size))
+                points += [shape.point((x, y, z)) for x, y, z in corners]
+    if not points:
+        return 0.0, 0.0, 0.0, 0.0
+    return (
+        max(point[0] for point in points),
+        -min(point[0] for point in points),
+        max(abs(point[1]) for point in points),
+        -min(point[2] for point in points),
+    )
 
 
-def sole_velocity_m_s(leg: Leg, pose: LegPose, twist: BodyTwist) -> Vector:
-    """Return the velocity over the ground of what a foot stands on, in the body's frame, m/s.
-
-    Rigid bodies in a row: with every joint the angular velocity grows by the joint's, and along every link the velocity
-    by w x r, which is v + w x r + J(q) q' of the leg as a whole (leg odometry, as of Bloesch et al., "State Estimation
-    for Legged Robots on Unstable and Slippery Terrain", IROS 2013, solved for the foot). It stands on its lowest
-    corners: what it turns about is not sliding. Where the ankle is not measured the sole is taken to be its joint.
-    """
-    turning = twist.angular_rad_s
-    speed = _plus(twist.linear_m_s, cross(turning, leg.hip_m))
-    frame = _about_x(_UPRIGHT, pose.abduction_rad)
-    turning = _grown(turning, frame[0], pose.abduction_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[1], leg.offset_m)))
-    frame = _about_y(frame, pose.hip_rad)
-    turning = _grown(turning, frame[1], pose.hip_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[2], -leg.thigh_m)))
-    frame = _about_y(frame, pose.knee_rad)
-    turning = _grown(turning, frame[1], pose.knee_rad_s)
-    speed = _plus(speed, cross(turning, _scaled(frame[2], -leg.shank_m)))
-    if not math.isfinite(sum((*pose[3:6], *pose[9:12]))):
-        return speed
-    turning = _grown(turning, frame[1], pose.pitch_rad_s)
-    frame = _about_y(frame, leg.lean_rad + pose.pitch_rad)
-    turning = _grown(turning, frame[0], pose.roll_rad_s)
-    frame = _about_x(frame, pose.roll_rad)
-    turning = _grown(turning, frame[2], pose.yaw_rad_s)
-    return _plus(speed, cross(turning, _stood_on(leg, _about_z(frame, pose.yaw_rad))))
+def _lever(tree: _Tree, ankle: _Joint, sole_m: float, imu: str) -> Vector:
+    """Return the way from the IMU to the sole below the ankle's joint, in the IMU's frame; no IMU is named: none."""
+    if not imu:
+        return ZERO
+    tree.link(imu)
+    return tree.place(imu).local(tree.place(ankle.child).point((0.0, 0.0, -sole_m)))
 
 
-def _stood_on(leg: Leg, foot: _Frame) -> Vector:
-    """Return the middle of the lowest corners, from the ankle's joint."""
-    down = _scaled(foot[2], -leg.sole_m)
-    corners = [
-        _grown(_grown(down, foot[0], forward_m), foot[1], left_m)
-        for forward_m in (leg.toe_m, -leg.heel_m)
-        for left_m in (leg.half_width_m, -leg.half_width_m)
-    ]
-    lowest_m = min(corner[2] for corner in corners)
-    shares = [math.exp((lowest_m - corner[2]) / LEVEL_M) for corner in corners]
-    total = sum(shares)
-    x, y, z = (sum(s * c[axis] for s, c in zip(shares, corners, strict=True)) / total for axis in range(3))
-    return (x, y, z)
+def _joint(element: ET.Element) -> _Joint:
+    x, y, z = _numbers(_attribute(element, "axis", "xyz", "1 0 0"))
+    return _Joint(
+        element.get("name", ""),
+        element.get("type", ""),
+        _attribute(element, "parent", "link", ""),
+        _attribute(element, "child", "link", ""),
+        _place(element),
+        (x, y, z),
+    )
 
 
-def _about_x(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
-    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return x, _grown(_scaled(y, cosine), z, sine), _grown(_scaled(z, cosine), y, -sine)
+def _place(element: ET.Element) -> _Place:
+    """Return the origin of a joint, inertial or collision; roll, pitch, yaw are about the axes outside of it."""
+    x, y, z = _numbers(_attribute(element, "origin", "xyz", "0 0 0"))
+    roll, pitch, yaw = _numbers(_attribute(element, "origin", "rpy", "0 0 0"))
+    forward = (math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), -math.sin(pitch))
+    left = (
+        math.cos(yaw) * math.sin(pitch) * math.sin(roll) - math.sin(yaw) * math.cos(roll),
+        math.sin(yaw) * math.sin(pitch) * math.sin(roll) + math.cos(yaw) * math.cos(roll),
+        math.cos(pitch) * math.sin(roll),
+    )
+    return _Place((x, y, z), (forward, left, cross(forward, left)))
 
 
-def _about_y(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
-    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return _grown(_scaled(x, cosine), z, -sine), y, _grown(_scaled(z, cosine), x, sine)
+def _attribute(element: ET.Element, path: str, name: str, missing: str) -> str:
+    found = element.find(path)
+    return missing if found is None else found.get(name, missing)
 
 
-def _about_z(frame: _Frame, angle_rad: float) -> _Frame:
-    x, y, z = frame
-    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
-    return _grown(_scaled(x, cosine), y, sine), _grown(_scaled(y, cosine), x, -sine), z
-
-
-def _plus(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def _scaled(a: Vector, by: float) -> Vector:
-    return (a[0] * by, a[1] * by, a[2] * by)
-
-
-def _grown(a: Vector, b: Vector, by: float) -> Vector:
-    return (a[0] + b[0] * by, a[1] + b[1] * by, a[2] + b[2] * by)
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split()]
+    except ValueError as error:
+        msg = f"robot_description has '{text}' where numbers must be"
+        raise ParameterError(msg) from error

@@ -229,16 +229,18 @@ class JammingPolicy:
     def _prepare(self, ahead_ns: int) -> None:
         """Begin to evacuate for a touch-down that is foreseen, or give it up."""
         missed = ahead_ns < -_nanoseconds(MISSED_S)
-        if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(self._lead_s()):
+        # A foot is put down slowly, so that it may be met soft: its fibres begin to grip as it touches.
+        lead_s = self._air(CHANNELS).until_s(LandingModel().onset_pa)
+        if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(lead_s):
             self._choose(CHANNELS, self.parameters.hold_vacuum_pa)
             self._take(Trigger.FORESEEN)
         elif self.state is PolicyState.PREPARING and missed:
             self._given_up_ns, self._touchdown_ns = self._touchdown_ns, None
             self._take(Trigger.MISSED)
 
-    def foresee(self, touchdown_ns: int | None) -> None:
-        """Take when the next touch-down is expected, ns; None: not known. One that is prepared is waited for first."""
-        if self.state is not PolicyState.PREPARING or touchdown_ns is None:
+    def foresee(self, touchdown_ns: int) -> None:
+        """Take when the next touch-down is expected, ns. One that is prepared is waited for first."""
+        if self.state is not PolicyState.PREPARING:
             self._touchdown_ns = touchdown_ns
 
     def bear(self, load_kg: float) -> None:
@@ -266,13 +268,6 @@ class JammingPolicy:
 
     def _air(self, channels: tuple[str, ...]) -> Evacuation:
         return Evacuation.of(self._stored, achilles_alone=channels == (ACHILLES,))
-
-    def _lead_s(self) -> float:
-        """How long ahead of a planned touch-down evacuation begins, s.
-
-        A foot is put down slowly, so that it may be met soft: its fibres begin to grip as it touches.
-        """
-        return self._air(CHANNELS).until_s(LandingModel().onset_pa)
 
     def _brace(self, fall: Fall, time_ns: int) -> None:
         """Begin to evacuate, or go for more, as the fall asks for it."""

@@ -6,20 +6,69 @@ A message is anything with the fields of its type: the classes of rclpy and thos
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from jammkle_common import wire
+from jammkle_common import names, wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import ANKLE_JOINTS
-from jammkle_controller.core.ankle_contact import AnkleReading
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.leg import BodyTwist, LegPose, LegReading
+from jammkle_controller.core.inputs import AnkleAngles, Input
+from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from jammkle_controller.core.leg import Leg
+    from jammkle_controller.parameters import ControllerParameters
+
 _NOT_MEASURED = -1.0
 """Value of a covariance's first entry that says that the quantity is not measured (sensor_msgs/Imu)."""
+
+_UNSTAMPED = {
+    names.FOOT_CONTACT.name: Input.CONTACT_SWITCH,
+    names.PLANNED_CONTACT.name: Input.PLANNED_CONTACT,
+    names.GAIT_PHASE.name: Input.GAIT_PHASE,
+}
+
+
+class Received(NamedTuple):
+    """What a controller receives at a time, ns: a sample or reading, or the value of an input."""
+
+    time_ns: int
+    what: ImuSample | AnkleAngles | AnkleReading | LegReading | LegPose | BodyTwist | Input
+    value: float = 0.0
+
+
+def received_in(
+    message: Any, topic: names.Topic, time_ns: int, parameters: ControllerParameters, leg: Leg | None
+) -> list[Received]:
+    """Return what a controller receives in a message.
+
+    Args:
+        message: Of the topic's type.
+        topic: What it is, whatever it is called in a bag.
+        time_ns: When it came, which counts where it has no stamp.
+        parameters: Of the controller: which joints are its leg's, and whether efforts and odometry are read.
+        leg: What the leg is, where that is known.
+
+    """
+    if topic.name in _UNSTAMPED:
+        return [Received(time_ns, _UNSTAMPED[topic.name], float(message.data))]
+    at_ns = nanoseconds(message.header.stamp)
+    if topic is names.IMU:
+        return [Received(at_ns, imu_sample(message))]
+    if topic is names.LOAD_CELL:
+        return [Received(at_ns, Input.LOAD, load_n(message))]
+    if topic is names.ODOMETRY:
+        return [Received(at_ns, body_twist(message))]
+    hip, knee = parameters.hip_joint, parameters.knee_joint
+    readings = (
+        ankle_angles(message),
+        ankle_reading(message, hip, knee),
+        leg_reading(message, hip, knee) if parameters.use_efforts else None,
+        leg_pose(message, (leg.abduction, hip, knee)) if leg is not None and parameters.use_odometry else None,
+    )
+    return [Received(at_ns, each) for each in readings if each is not None]
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -65,38 +114,25 @@ def load_n_of(measured: wire.Measured) -> float:
     return -measured.values[wire.WRENCH_FORCE_Z]
 
 
-def joint_position(message: Any, joint: str) -> float | None:
-    """Return the position of a joint (sensor_msgs/JointState), rad; None: the message does not hold it."""
-    names = list(message.name)
-    if joint not in names:
-        return None
-    index = names.index(joint)
-    return float(message.position[index]) if index < len(message.position) else None
+def ankle_angles(message: Any) -> AnkleAngles | None:
+    """Return the ankle's roll and, where there is one, pitch (sensor_msgs/JointState); None: the message lacks them."""
+    roll, pitch = (_of_joints(message, (joint,), "position") for joint in names.ANKLE_JOINTS[:2])
+    return None if roll is None else AnkleAngles(roll[0], math.nan if pitch is None else pitch[0])
 
 
 def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
     """Return angles, rates and efforts of hip and knee (sensor_msgs/JointState); None: the message lacks some."""
-    names = list(message.name)
-    if hip not in names or knee not in names:
-        return None
-    places = names.index(hip), names.index(knee)
-    columns = (message.position, message.velocity, message.effort)
-    if any(len(column) <= max(places) for column in columns):
-        return None
-    return LegReading(*(float(column[place]) for column in columns for place in places))
+    values = _of_joints(message, (hip, knee), "position", "velocity", "effort")
+    return None if values is None else LegReading(*values)
 
 
 def ankle_reading(message: Any, hip: str, knee: str) -> AnkleReading | None:
     """Return angles and rates of the ankle, and its shank's (sensor_msgs/JointState); None: the message lacks some."""
-    names = list(message.name)
-    roll, pitch, _ = ANKLE_JOINTS
-    if not {roll, pitch, hip, knee} <= set(names):
+    roll, pitch, _ = names.ANKLE_JOINTS
+    values = _of_joints(message, (pitch, roll, hip, knee), "position", "velocity")
+    if values is None:
         return None
-    places = [names.index(joint) for joint in (pitch, roll, hip, knee)]
-    if min(len(message.position), len(message.velocity)) <= max(places):
-        return None
-    pitch_rad, roll_rad = (float(message.position[place]) for place in places[:2])
-    pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s = (float(message.velocity[place]) for place in places)
+    pitch_rad, roll_rad, _, _, pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s = values
     return AnkleReading(pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, hip_rad_s + knee_rad_s)
 
 
@@ -111,22 +147,28 @@ def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:
         None: hip or knee are missing. What there is not of the ankle is NaN.
 
     """
-    names = list(message.name)
-    roll, pitch, yaw = ANKLE_JOINTS
-    if not set(leg[1:]) <= set(names):
+    roll, pitch, yaw = names.ANKLE_JOINTS
+    joints = (*leg, pitch, roll, yaw)
+    measured = [joint for joint in joints if joint in message.name]
+    values = _of_joints(message, measured, "position", "velocity") if {*leg[1:]} <= {*measured} else None
+    if values is None:
         return None
-    places = [names.index(joint) if joint in names else -1 for joint in (*leg, pitch, roll, yaw)]
-    if min(len(message.position), len(message.velocity)) <= max(places):
+    angles = dict(zip(measured, values[: len(measured)], strict=True))
+    rates = dict(zip(measured, values[len(measured) :], strict=True))
+    absent = {leg[0]: 0.0}
+    return LegPose(*(of.get(joint, absent.get(joint, math.nan)) for of in (angles, rates) for joint in joints))
+
+
+def _of_joints(message: Any, joints: Sequence[str], *fields: str) -> list[float] | None:
+    """Return the values of joints, field by field (sensor_msgs/JointState); None: the message lacks some."""
+    known = list(message.name)
+    if not {*joints} <= {*known}:
         return None
-    absent = (0.0, *(math.nan,) * (len(places) - 1))
-    columns = (message.position, message.velocity)
-    return LegPose(
-        *(
-            float(column[place]) if place >= 0 else missing
-            for column in columns
-            for place, missing in zip(places, absent, strict=True)
-        )
-    )
+    places = [known.index(joint) for joint in joints]
+    columns = [getattr(message, field) for field in fields]
+    if any(len(column) <= max(places) for column in columns):
+        return None
+    return [float(column[place]) for column in columns for place in places]
 
 
 def body_twist(message: Any) -> BodyTwist:

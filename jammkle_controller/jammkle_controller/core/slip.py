@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind, Source
-from jammkle_controller.core.leg import BodyTwist, LegPose, sole_velocity_m_s
-from jammkle_controller.core.motion import ZERO, combine, cross, dot, towards
+from jammkle_controller.core.motion import ZERO, Vector, combine, cross, dot, towards, turned
 from jammkle_controller.core.stepping import probability_of
 
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.leg import Leg
-    from jammkle_controller.core.motion import Motion, Vector
+    from jammkle_controller.core.motion import Motion
     from jammkle_controller.parameters import ControllerParameters
 
 TREND_TIME_S = 0.015
@@ -166,8 +165,7 @@ class SlipDetector:
     def _follow_step(self, sample: ImuSample, interval_s: float, motion: Motion) -> ContactEvent | None:
         onset_ns = self._onset_ns or sample.time_ns
         # The level before the step turns against the body, r' = -w x r: a body that tilts does not slide.
-        turned = cross(self._level, (sample.rate_x, sample.rate_y, sample.rate_z))
-        self._level = combine(1.0, self._level, interval_s, turned)
+        self._level = turned(self._level, sample, interval_s)
         excess = (sample.force_x - self._level[0], sample.force_y - self._level[1], sample.force_z - self._level[2])
         self._integrate(sample, interval_s, excess)
         lasted_s = (sample.time_ns - onset_ns) / NANOSECONDS_PER_SECOND
@@ -206,21 +204,20 @@ class SlipDetector:
 
     def _integrate(self, sample: ImuSample, interval_s: float, excess: Vector) -> None:
         rate = (sample.rate_x, sample.rate_y, sample.rate_z)
-        turned = cross(self._velocity, rate)
+        across = cross(self._velocity, rate)
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
         vx, vy, vz = self._velocity
         self._velocity = (
-            keep * (vx + interval_s * (turned[0] + excess[0])),
-            keep * (vy + interval_s * (turned[1] + excess[1])),
-            keep * (vz + interval_s * (turned[2] + excess[2])),
+            keep * (vx + interval_s * (across[0] + excess[0])),
+            keep * (vy + interval_s * (across[1] + excess[1])),
+            keep * (vz + interval_s * (across[2] + excess[2])),
         )
         self._turn_speed = cross(rate, self.lever_m)
         if self._begun_turn is None:
             self._begun_turn = self._turn_speed
 
     def _sole_velocity(self) -> Vector:
-        begun = self._begun_turn or ZERO
-        gained = combine(1.0, self._turn_speed, -1.0, begun)
+        gained = combine(1.0, self._turn_speed, -1.0, self._begun_turn or ZERO)
         return combine(1.0, self._velocity, 1.0, gained)
 
     def _told(
@@ -242,6 +239,102 @@ class SlipDetector:
             probability_of(1.0 + 2.0 * (speed / limit_m_s - 1.0)),
             direction=(sole[0] / speed, sole[1] / speed, sole[2] / speed),
         )
+
+
+LEVEL_M = 0.003
+"""Corners of the sole that are higher than the lowest one by this count by 1/e, m: a body that is 0.03 rad (1.7 deg)
+off the ground's own slope sees those of a foot of 0.1 m so far apart."""
+
+_Frame = tuple[Vector, Vector, Vector]
+_X, _Y, _Z = 0, 1, 2
+_UPRIGHT: _Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class LegPose(NamedTuple):
+    """Angles, rad, and rates, rad/s, of a leg and its ankle, in the order of the joints from the body on.
+
+    Abduction turns about x of the body, hip and knee about y, counted as in `LegReading`; then the ankle's pitch, roll
+    and yaw. NaN for the three of the ankle: it is not measured.
+    """
+
+    abduction_rad: float
+    hip_rad: float
+    knee_rad: float
+    pitch_rad: float
+    roll_rad: float
+    yaw_rad: float
+    abduction_rad_s: float
+    hip_rad_s: float
+    knee_rad_s: float
+    pitch_rad_s: float
+    roll_rad_s: float
+    yaw_rad_s: float
+
+
+class BodyTwist(NamedTuple):
+    """How the body moves, in its own frame: x forward, y to the left, z up."""
+
+    time_ns: int
+    linear_m_s: Vector
+    """Velocity of its origin."""
+    angular_rad_s: Vector
+    spread_m_s: float = 0.0
+    """Standard deviation of that velocity, per axis; 0: not reported."""
+
+
+def sole_velocity_m_s(leg: Leg, pose: LegPose, twist: BodyTwist) -> Vector:
+    """Return the velocity over the ground of what a foot stands on, in the body's frame, m/s.
+
+    Rigid bodies in a row: with every joint the angular velocity grows by the joint's, and along every link the velocity
+    by w x r, which is v + w x r + J(q) q' of the leg as a whole (leg odometry, as of Bloesch et al., "State Estimation
+    for Legged Robots on Unstable and Slippery Terrain", IROS 2013, solved for the foot). It stands on its lowest
+    corners: what it turns about is not sliding. Where the ankle is not measured the sole is taken to be its joint.
+    """
+    turning, frame = twist.angular_rad_s, _UPRIGHT
+    speed = combine(1.0, twist.linear_m_s, 1.0, cross(turning, leg.hip_m))
+    for axis, angle_rad, rate_rad_s, along, length_m in (
+        (_X, pose.abduction_rad, pose.abduction_rad_s, _Y, leg.offset_m),
+        (_Y, pose.hip_rad, pose.hip_rad_s, _Z, -leg.thigh_m),
+        (_Y, pose.knee_rad, pose.knee_rad_s, _Z, -leg.shank_m),
+    ):
+        frame = _turned(frame, axis, angle_rad)
+        turning = combine(1.0, turning, rate_rad_s, frame[axis])
+        link = combine(length_m, frame[along], 0.0, ZERO)
+        speed = combine(1.0, speed, 1.0, cross(turning, link))
+    if not math.isfinite(sum((*pose[3:6], *pose[9:12]))):
+        return speed
+    for axis, angle_rad, rate_rad_s in (
+        (_Y, leg.lean_rad + pose.pitch_rad, pose.pitch_rad_s),
+        (_X, pose.roll_rad, pose.roll_rad_s),
+        (_Z, pose.yaw_rad, pose.yaw_rad_s),
+    ):
+        frame = _turned(frame, axis, angle_rad)
+        turning = combine(1.0, turning, rate_rad_s, frame[axis])
+    return combine(1.0, speed, 1.0, cross(turning, _stood_on(leg, frame)))
+
+
+def _stood_on(leg: Leg, foot: _Frame) -> Vector:
+    """Return the middle of the lowest corners, from the ankle's joint."""
+    corners = [
+        combine(1.0, combine(-leg.sole_m, foot[_Z], forward_m, foot[_X]), left_m, foot[_Y])
+        for forward_m in (leg.toe_m, -leg.heel_m)
+        for left_m in (leg.half_width_m, -leg.half_width_m)
+    ]
+    lowest_m = min(corner[2] for corner in corners)
+    shares = [math.exp((lowest_m - corner[2]) / LEVEL_M) for corner in corners]
+    total = sum(shares)
+    x, y, z = (sum(s * c[axis] for s, c in zip(shares, corners, strict=True)) / total for axis in range(3))
+    return (x, y, z)
+
+
+def _turned(frame: _Frame, axis: int, angle_rad: float) -> _Frame:
+    """Return a frame turned about one of its own axes."""
+    sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    axes = [*frame]
+    axes[following] = combine(cosine, frame[following], sine, frame[last])
+    axes[last] = combine(cosine, frame[last], -sine, frame[following])
+    return axes[0], axes[1], axes[2]
 
 
 LEAST_SPREAD_M_S = 0.012
@@ -305,7 +398,8 @@ class SoleSlip:
         self._waiting: BodyTwist | None = None
         self._twist: BodyTwist | None = None
         self._changed_ns = 0
-        self._paired_ns: int | None = None
+        self.paired_ns: int | None = None
+        """Stamp of the latest speed of the sole that is known; None: none yet."""
         self._rest()
 
     def _rest(self) -> None:
@@ -314,11 +408,6 @@ class SoleSlip:
         self._since_ns = 0
         self._slides = False
         self._quiet_s = 0.0
-
-    @property
-    def paired_ns(self) -> int | None:
-        """Stamp of the latest speed of the sole that is known; None: none yet."""
-        return self._paired_ns
 
     def on_pose(self, pose: LegPose, time_ns: int, *, stands: bool | None) -> ContactEvent | None:
         """Take the leg at a time, and whether its foot stands then; None: that is not known."""
@@ -369,7 +458,7 @@ class SoleSlip:
             stands = stands if stands is None or stood is None else stands and stood
         if stands is None:
             return None
-        before_ns, self._paired_ns = self._paired_ns, twist.time_ns
+        before_ns, self.paired_ns = self.paired_ns, twist.time_ns
         self.counts.used += 1
         elapsed_s = 0.0 if before_ns is None else (twist.time_ns - before_ns) / NANOSECONDS_PER_SECOND
         if not stands or not 0.0 < elapsed_s <= LONGEST_S:

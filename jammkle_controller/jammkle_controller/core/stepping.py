@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.motion import ZERO
+from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,11 +29,11 @@ LARGEST_LOG_ODDS = 8.0
 class DensityRatio:
     """Weights of the polynomial: constant, linear, and products of features i <= j row by row, on scaled features."""
 
-    centre: tuple[float, ...]
-    scale: tuple[float, ...]
+    centre: Sequence[float]
+    scale: Sequence[float]
     constant: float
-    linear: tuple[float, ...]
-    products: tuple[tuple[float, ...], ...]
+    linear: Sequence[float]
+    products: Sequence[Sequence[float]]
     """Row i holds the weights of the products with features i, i + 1, ..."""
 
     def log_odds(self, features: Sequence[float]) -> float:
@@ -82,14 +83,7 @@ def learned_swing(what: str) -> DensityRatio:
         KeyError: there is none.
 
     """
-    return ratio_of(_entries()[f"swing_{what}"])
-
-
-def _entries() -> Mapping[str, Mapping[str, Any]]:
-    entries: Mapping[str, Mapping[str, Any]] = json.loads(
-        resources.files(__package__).joinpath(WEIGHTS_FILE).read_text()
-    )
-    return entries
+    return _ratio(_entries()[f"swing_{what}"])
 
 
 def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatios:
@@ -99,18 +93,15 @@ def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatio
         KeyError: there are none for that place.
 
     """
-    return StepRatios(*(ratio_of(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
+    return StepRatios(*(_ratio(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
 
 
-def ratio_of(entry: Mapping[str, Any]) -> DensityRatio:
-    """Return a ratio from an entry as `learned.json` has them."""
-    return DensityRatio(
-        centre=tuple(entry["centre"]),
-        scale=tuple(entry["scale"]),
-        constant=entry["constant"],
-        linear=tuple(entry["linear"]),
-        products=tuple(tuple(row) for row in entry["products"]),
-    )
+def _entries() -> Any:
+    return json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text())
+
+
+def _ratio(entry: Mapping[str, Any]) -> DensityRatio:
+    return DensityRatio(*(entry[each.name] for each in dataclasses.fields(DensityRatio)))
 
 
 EVIDENCE_TIME_S = 0.02
@@ -249,9 +240,6 @@ class SoleFilter:
     the features of the motion and the probability of swing: a foot that is lifted gains speed upward and turns.
     """
 
-    NAMES = ("unrest", "turning", "sharpness", "load", "long unrest", "speed", "upward", "swing", "since landing")
-    """Of the features."""
-
     def __init__(self, ratio: DensityRatio, *, gives: bool = False) -> None:
         """Take the ratio of the densities of `features` while a foot slides, and while it stands or is being lifted.
 
@@ -298,26 +286,17 @@ class SoleFilter:
 
     def follow(self, sample: ImuSample, interval_s: float, motion: Motion) -> None:
         """Take the next sample of a foot on the ground."""
-        _, x, y, z, p, q, r = sample
-        gx, gy, gz = motion.gravity
-        vx, vy, vz = self._velocity
         if motion.is_still:
-            vx = vy = vz = 0.0
+            self._velocity = ZERO
             self._known_ns = sample.time_ns
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
-        vx, vy, vz = (
-            keep * (vx + interval_s * (r * vy - q * vz + x - gx)),
-            keep * (vy + interval_s * (p * vz - r * vx + y - gy)),
-            keep * (vz + interval_s * (q * vx - p * vy + z - gz)),
-        )
-        self._velocity = (vx, vy, vz)
-        lx, ly, lz = self.lever_m
-        sx, sy, sz = vx + q * lz - r * ly, vy + r * lx - p * lz, vz + p * ly - q * lx
-        self.speed_m_s = speed = math.sqrt(sx * sx + sy * sy + sz * sz)
+        vx, vy, vz = integrated(self._velocity, motion.gravity, sample, interval_s)
+        self._velocity = (keep * vx, keep * vy, keep * vz)
+        sole = at_lever(self._velocity, self.lever_m, sample)
+        self.speed_m_s = speed = math.sqrt(dot(sole, sole))
         scale = 1.0 / (speed + 1e-9)
-        self.direction = (sx * scale, sy * scale, sz * scale)
-        weight = math.sqrt(gx * gx + gy * gy + gz * gz) or 1.0
-        self.upward = (self.direction[0] * gx + self.direction[1] * gy + self.direction[2] * gz) / weight
+        self.direction = (sole[0] * scale, sole[1] * scale, sole[2] * scale)
+        self.upward = dot(self.direction, motion.gravity) / (math.sqrt(dot(motion.gravity, motion.gravity)) or 1.0)
 
     def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:
         """Return what the probability is made of."""
@@ -400,7 +379,7 @@ class SteppingFoot:
         rebounds = landed_ns is not None and _since_s(landed_ns, time_ns) < REBOUND_S
         if swing < self.parameters.swing_probability or rebounds:
             return None
-        rising_s = self._rising_s(time_ns)
+        rising_s = 0.0 if self._rising_since_ns is None else _since_s(self._rising_since_ns, time_ns)
         return ContactEvent(ContactKind.LIFTOFF, time_ns, motion.force_m_s2, M_S2, rising_s, swing)
 
     def leave(self, time_ns: int) -> None:
@@ -464,9 +443,6 @@ class SteppingFoot:
         return ContactEvent(
             ContactKind.SLIP, time_ns, sole.speed_m_s, M_S, since_s, probability, direction=sole.direction
         )
-
-    def _rising_s(self, time_ns: int) -> float:
-        return 0.0 if self._rising_since_ns is None else _since_s(self._rising_since_ns, time_ns)
 
 
 def _since_s(begin_ns: int, time_ns: int) -> float:

@@ -10,8 +10,9 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_
 from jammkle_common.names import IMU
 from jammkle_controller.core.events import ContactKind
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Received, replay
+from jammkle_controller.recordings import replay
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.drop import DropOptions
 

@@ -24,9 +24,10 @@ from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import RATED_KG, Landing
-from jammkle_controller.core.leg import LegLoad, LegReading
+from jammkle_controller.core.leg_contact import LegLoad, LegReading
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import Received, replay
+from jammkle_controller.recordings import replay
 from jammkle_driver.parameters import DriverParameters
 from jammkle_msgs.msg import ContactEvent, JamCommand
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jammkle_controller.core.leg import BodyTwist, LegPose, sole_velocity_m_s
+from jammkle_controller.core.slip import BodyTwist, LegPose, sole_velocity_m_s
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation
