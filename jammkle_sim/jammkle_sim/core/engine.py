@@ -68,7 +68,7 @@ class Engine:
         self._schedule = Schedule(periods)
         self._timestep_ns = timestep_ns(simulation.timestep_s)
         self._offset_ns = 0
-        """Simulated time at the simulation's own beginning."""
+        """Simulated time at which the simulation was made."""
         self._first_step = self._step
         """At which the rig was last started: the schedule counts from there."""
         self._control = control
