@@ -31,7 +31,7 @@ def context(command: Any, name: str, parent: Any = None) -> Any:
 
 def rigs() -> Any:
     """Return the group of `jammkle rig`, which has a command line of its own."""
-    return get_command(rig_app(lambda _: 0))
+    return get_command(rig_app(lambda *_: 0))
 
 
 def command_text() -> str:
