@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from functools import partial
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, JAM_COMMAND
@@ -29,12 +29,13 @@ from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_sim.parameters import RobotParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from jammkle_controller.core.controller import Reaction
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.parameters import ControllerParameters
+    from jammkle_sim.rigs.simulation import Ankle, BaseSample
 
 STATE_PERIOD_S = 0.01
 """Time between two readings of pressures, joints and the gait's plan, s, as on the graph of a robot."""
@@ -42,83 +43,6 @@ DRIVER_STATE_PERIOD_S = 1.0
 """How often jam_state is repeated, s."""
 ROBOT_TICK_RATE_HZ = RobotParameters().clock_rate_hz
 """Ticks of /clock per second in the graph of a robot; in that of a rig there is one for each sample."""
-
-
-class ImuReading(Protocol):
-    """What an IMU of the simulation gives."""
-
-    @property
-    def specific_force_m_s2(self) -> tuple[float, float, float]:
-        """Specific force, m/s^2."""
-
-    @property
-    def angular_velocity_rad_s(self) -> tuple[float, float, float]:
-        """Angular velocity, rad/s."""
-
-
-class SimulatedAnkle(Protocol):
-    """An ankle of a simulation: a rig's, or one of a robot's."""
-
-    def imu(self) -> ImuReading:
-        """Return the latest reading."""
-
-    def channel_pressures_pa(self) -> Mapping[str, float]:
-        """Return the absolute pressure per channel, Pa."""
-
-    def manifold_pressure_pa(self) -> float:
-        """Return the absolute pressure in the manifold, Pa."""
-
-    def joint_positions(self) -> Mapping[str, float]:
-        """Return angles, rad, and slides, m."""
-
-    def set_pump_duty(self, duty: float) -> None:
-        """Set the pump's duty, 0 to 1."""
-
-    def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001 - the state of a coil, as Bool is
-        """Energise or release a channel's solenoid."""
-
-
-class BodyMotion(Protocol):
-    """How the body of a robot moves."""
-
-    @property
-    def linear_m_s(self) -> tuple[float, float, float]:
-        """Velocity of its origin, m/s, in its own frame."""
-
-    @property
-    def angular_rad_s(self) -> tuple[float, float, float]:
-        """Angular velocity, rad/s, in its own frame."""
-
-
-class PlannedStep(Protocol):
-    """What a gait plans of one foot now."""
-
-    @property
-    def bears(self) -> bool:
-        """Whether it has the foot on the ground."""
-
-    @property
-    def phase(self) -> float | None:
-        """From 0 at touch-down to 1 at the next; None: it has not begun to step."""
-
-
-@runtime_checkable
-class WithEfforts(Protocol):
-    """An ankle of a robot, whose leg has servos."""
-
-    def joint_velocities(self) -> Mapping[str, float]:
-        """Return rates, rad/s and m/s."""
-
-    def joint_efforts(self) -> Mapping[str, float]:
-        """Return efforts of the servos, N m and N."""
-
-
-@runtime_checkable
-class WithPlan(Protocol):
-    """An ankle of a robot, which may walk."""
-
-    def plan(self) -> PlannedStep | None:
-        """Return what the gait plans of the foot; None: there is no gait."""
 
 
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process", simulated=True)
@@ -142,10 +66,10 @@ class AnkleLoop:
 
     def __init__(
         self,
-        ankle: SimulatedAnkle,
+        ankle: Ankle,
         controller: ControllerParameters,
         driver: DriverParameters | None = None,
-        body: Callable[[], BodyMotion] | None = None,
+        body: Callable[[], BaseSample] | None = None,
         leg: Leg | None = None,
         tick_rate_hz: int = ROBOT_TICK_RATE_HZ,
     ) -> None:
@@ -162,7 +86,7 @@ class AnkleLoop:
         """
         self.ankle = ankle
         self.controller = AnkleController(controller, leg=leg)
-        self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
+        self._uses_efforts = controller.use_efforts
         self._above = (leg.abduction if leg else "", controller.hip_joint, controller.knee_joint)
         self._body = body if controller.use_odometry else None
         self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
@@ -187,12 +111,6 @@ class AnkleLoop:
         self.driver.activate(now)
         self._settle(now, 0)
 
-    def sample(self, time_s: float) -> ImuSample:
-        """Return the IMU's reading as a sample of this time, s."""
-        reading = self.ankle.imu()
-        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
-        return ImuSample(time_ns, *reading.specific_force_m_s2, *reading.angular_velocity_rad_s)
-
     def step(self, time_s: float) -> ImuSample:
         """Feel at a time, s, which must rise, and drive if /clock ticks then; return what the IMU read."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
@@ -204,9 +122,10 @@ class AnkleLoop:
             self._acknowledged_lately = False
             pressures = {MANIFOLD: self.ankle.manifold_pressure_pa(), **self.ankle.channel_pressures_pa()}
             self._measured.append((time_ns, pressures))
-        sample = self.sample(time_s)
+        reading = self.ankle.imu()
+        sample = ImuSample(time_ns, *reading.specific_force_m_s2, *reading.angular_velocity_rad_s)
         self._sensed.append(partial(self.controller.update, sample))
-        if states and self._body is not None and isinstance(self.ankle, WithEfforts):
+        if states and self._body is not None:
             moves = self._body()
             twist = BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)
             self._sensed.append(partial(self.controller.on_odometry, twist, time_ns))
@@ -287,44 +206,34 @@ class AnkleLoop:
 
     def _reported(self, time_ns: int) -> list[Callable[[], Reaction | None]]:
         """Return what takes the reports of joints and gait, in the order of the graph."""
-        positions = self.ankle.joint_positions()
+        positions, rates, planned = self.ankle.joint_positions(), self.ankle.joint_velocities(), self.ankle.plan()
         received: list[Received] = []
         taken: list[Callable[[], Reaction | None]] = []
-        roll, pitch, _ = ANKLE_JOINTS
+        roll, pitch, yaw = ANKLE_JOINTS
+        _, hip, knee = self._above
         if roll in positions:
             received.append(Received(time_ns, Input.JOINTS, positions[roll]))
             taken.append(partial(self.controller.inputs.on_pitch, positions[pitch]))
-        if isinstance(self.ankle, WithEfforts) and set(self._above[1:]) <= positions.keys():
-            rates = self.ankle.joint_velocities()
-            shank_rad_s = rates[self._above[1]] + rates[self._above[2]]
+        if {hip, knee} <= positions.keys():
+            shank_rad_s = rates[hip] + rates[knee]
             reading = AnkleReading(positions[pitch], positions[roll], rates[pitch], rates[roll], shank_rad_s)
             received.append(Received(time_ns, reading))
-        if self._leg is not None and isinstance(self.ankle, WithEfforts) and set(self._leg) <= positions.keys():
-            columns = (positions, self.ankle.joint_velocities(), self.ankle.joint_efforts())
-            received.append(
-                Received(time_ns, LegReading(*(column[joint] for column in columns for joint in self._leg)))
+            if self._uses_efforts:
+                columns = (positions, rates, self.ankle.joint_efforts() or {})
+                servos = (column[joint] for column in columns for joint in (hip, knee))
+                received.append(Received(time_ns, LegReading(*servos)))
+        if self._body is not None:
+            missing = {self._above[0]: 0.0}  # a leg without abduction has none
+            joints = (*self._above, pitch, roll, yaw)
+            angles = (
+                column.get(joint, missing.get(joint, math.nan)) for column in (positions, rates) for joint in joints
             )
-        if self._body is not None and isinstance(self.ankle, WithEfforts):
-            received.append(Received(time_ns, self._pose(self.ankle)))
-        planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
+            received.append(Received(time_ns, LegPose(*angles)))
         if planned is not None:
             received.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
                 received.append(Received(time_ns, Input.GAIT_PHASE, _as_float32(planned.phase)))
         return [*taken, *(partial(feed, self.controller, each) for each in received)]
-
-    def _pose(self, ankle: WithEfforts) -> LegPose:
-        """Return angles and rates from the body down; a leg without abduction has none."""
-        roll, pitch, yaw = ANKLE_JOINTS
-        missing = {self._above[0]: 0.0}
-        columns = (self.ankle.joint_positions(), ankle.joint_velocities())
-        return LegPose(
-            *(
-                column.get(joint, missing.get(joint, math.nan))
-                for column in columns
-                for joint in (*self._above, pitch, roll, yaw)
-            )
-        )
 
 
 def _instant(time_ns: int) -> Instant:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +26,7 @@ from studies.contact.trial import (
     WITH_ODOMETRY,
     Outcome,
     best_settings,
+    finite,
     median_with_interval,
     pooled,
 )
@@ -34,7 +34,6 @@ from studies.contact.trial import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from studies.contact.benefit import BenefitRow
     from studies.contact.trial import Score
 
 AIMS = {
@@ -45,7 +44,7 @@ AIMS = {
 MS, MM = 1e3, 1e3
 
 
-def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
+def results(outcome: Outcome, benefit: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return all figures for machines, and for the page."""
     rows = []
     for part, sources in SOURCES.items():
@@ -81,7 +80,7 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
         "aims": AIMS,
         "windows_s": {kind: list(window) for kind, window in WINDOWS_S.items()},
         "rows": rows,
-        "benefit": [row.as_dict() for row in benefit],
+        "benefit": list(benefit),
     }
 
 
@@ -94,17 +93,10 @@ def _row(part: str, source: str, mount: str, kind: str, way: str, score: Score) 
         "mount": mount,
         "kind": kind,
         "way": way,
-        "true": score.hits + score.missed,
-        "reported": score.hits + score.false,
-        "recall": _finite(score.recall),
-        "precision": _finite(score.precision),
-        "delay_ms": _finite(delay),
-        "slid_mm": _finite(way_mm),
+        **score.figures(),
+        "delay_ms": finite(delay),
+        "slid_mm": finite(way_mm),
     }
-
-
-def _finite(values: Sequence[float]) -> list[float] | None:
-    return None if any(math.isnan(value) for value in values) else [round(value, 4) for value in values]
 
 
 def page(outcome: Outcome, figures: dict[str, Any], seed: int) -> str:
