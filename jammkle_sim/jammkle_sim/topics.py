@@ -121,12 +121,12 @@ class AnkleOutputs:
         return self._simulation.ankles[self._name]
 
     def _imu(self, time_ns: int) -> bytes:
-        return self._messages.imu_bytes(time_ns, self._ankle.imu())
+        return self._messages.imu(time_ns, self._ankle.imu())
 
     def _publish_pressures(self, time_ns: int) -> None:
         pressures_pa = {MANIFOLD_FRAME: self._ankle.manifold_pressure_pa(), **self._ankle.channel_pressures_pa()}
         for place, pressure_pa in pressures_pa.items():
-            self._pressures[place].publish(self._messages.pressure_bytes(time_ns, pressure_pa, place))
+            self._pressures[place].publish(self._messages.pressure(time_ns, pressure_pa, place))
 
     def _publish_gait(self, _time_ns: int) -> None:
         """Say what is planned of the foot, where a gait plans anything; both messages are of now, without a stamp."""
@@ -146,7 +146,7 @@ class AnkleOutputs:
         return self._messages.tendon_states(time_ns, self._ankle.tendons())
 
     def _load_cell(self, time_ns: int) -> bytes:
-        return self._messages.wrench_bytes(time_ns, self._ankle.load_cell_force_n())
+        return self._messages.wrench(time_ns, self._ankle.load_cell_force_n())
 
     def _true_contact(self, time_ns: int) -> TrueContact:
         return self._messages.true_contact(time_ns, self._ankle.foot())
