@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.rig import JointControl
-    from jammkle_sim.robots.limb import LimbParameters
     from jammkle_sim.robots.options import RobotOptions
     from jammkle_sim.robots.robot import AttachedAnkle
 
@@ -119,20 +118,19 @@ millimetre with the 10 of the other rigs. It costs no time."""
 class Building:
     """One of our robots on its ground while it is built: its model, and what all its limbs are built with."""
 
-    def __init__(self, name: str, base: str, limb: LimbParameters, options: RobotOptions) -> None:
+    def __init__(self, name: str, base: str, options: RobotOptions) -> None:
         """Begin a model with the ground alone.
 
         Args:
             name: Of the robot.
             base: Name that the first body will have; an IMU on the body is there.
-            limb: Sizes of every limb.
             options: What it does, where.
 
         Raises:
             ParameterError: an option out of range.
 
         """
-        self.name, self.base, self.limb = name, base, limb
+        self.name, self.base = name, base
         self.options = checked(options)
         self.ankle = AnkleParameters(hang_pitch_rad=math.radians(options.hang_pitch_deg))
         """Constants of every ankle."""

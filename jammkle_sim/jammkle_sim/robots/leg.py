@@ -54,8 +54,9 @@ class LegControl(LimbControl):
             parameters: Its sizes.
 
         """
-        super().__init__(model, building, (HIP, KNEE), {ANKLE: 0.0}, parameters.bearing_share, parameters.push_m)
         self._limb = parameters.limb
+        phases, share, push_m = {ANKLE: 0.0}, parameters.bearing_share, parameters.push_m
+        super().__init__(model, building, self._limb, (HIP, KNEE), phases, share, push_m)
         if self.walks:
             self._drives = (model.actuator(BASE_X).id, model.actuator(BASE_Z).id)
             self._forward_at = int(model.joint(BASE_X).qposadr[0])
@@ -85,13 +86,13 @@ def leg(options: RobotOptions) -> Robot:
     """
     parameters = LegParameters()
     limb = parameters.limb
-    building = Building("leg", _BASE, limb, options)
+    building = Building("leg", _BASE, options)
     spec, ankle = building.spec, building.ankle
     base = spec.worldbody.add_body(name=_BASE)
     for name, axis in ((BASE_X, (1.0, 0.0, 0.0)), (BASE_Z, (0.0, 0.0, 1.0))):
         base.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     weigh(base, parameters.mass_kg - limb.thigh_kg - limb.shank_kg - ankle.mass_kg + options.payload_kg)
-    attached = add_limb(building, base, ANKLE, (0.0, 0.0, 0.0))
+    attached = add_limb(building, limb, base, ANKLE, (0.0, 0.0, 0.0))
     if options.behaviour == Behaviour.WALK.value:
         _add_boom(spec, parameters, options)
     if building.is_held:

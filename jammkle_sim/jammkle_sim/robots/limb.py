@@ -130,12 +130,18 @@ def toe_drop_m(ankle: AnkleParameters) -> float:
 
 
 def add_limb(
-    building: Building, parent: Any, ankle_name: str, position_m: tuple[float, float, float], side: str = ""
+    building: Building,
+    limb: LimbParameters,
+    parent: Any,
+    ankle_name: str,
+    position_m: tuple[float, float, float],
+    side: str = "",
 ) -> AttachedAnkle:
     """Add thigh, shank, servos and ankle.
 
     Args:
         building: The robot.
+        limb: Its sizes.
         parent: Body that the limb hangs on.
         ankle_name: Name of its ankle.
         position_m: Of the hip, in the parent's frame.
@@ -145,7 +151,7 @@ def add_limb(
         The ankle, whose leg's joints are hip and knee, and the abduction if `parent` has one of that name.
 
     """
-    spec, limb, options = building.spec, building.limb, building.options
+    spec, options = building.spec, building.options
     thigh = add_segment(parent, f"{side}thigh", limb.thigh_m, limb.thigh_kg, limb.radius_m, position_m)
     add_servo(spec, thigh, f"{side}{HIP}", (0.0, 1.0, 0.0), limb, (-2.0, 2.5))
     shank = add_segment(thigh, f"{side}shank", limb.shank_m, limb.shank_kg, limb.radius_m, (0.0, 0.0, -limb.thigh_m))
@@ -287,6 +293,7 @@ class LimbControl:
         self,
         model: Any,
         building: Building,
+        limb: LimbParameters,
         servos: Sequence[str],
         phases: Mapping[str, float],
         bearing_share: float,
@@ -297,6 +304,7 @@ class LimbControl:
         Args:
             model: The mujoco.MjModel.
             building: The robot that it was made from.
+            limb: Sizes of every limb.
             servos: Names of those that are controlled.
             phases: By which share of a step's period the foot of an ankle is ahead, by its name.
             bearing_share: As of `Gait`.
@@ -316,7 +324,7 @@ class LimbControl:
         self.servos = np.array([model.actuator(name).id for name in servos])
         self.slope_rad = math.radians(options.slope_deg)
         self.back_m = stance_back_m(ankle)
-        self._phases, self._lead_s = phases, building.limb.lag_s
+        self._phases, self._lead_s = phases, limb.lag_s
 
     def place_m(self, ankle: str, time_s: float) -> tuple[float, float]:
         """Return how far forward and up, m, along the ground and off it, an ankle shall be of where it stands still."""

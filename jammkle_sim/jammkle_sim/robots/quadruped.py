@@ -85,7 +85,7 @@ class QuadrupedControl(LimbControl):
         """
         servos = [f"{corner.leg}_{joint}" for corner in CORNERS for joint in (ABDUCTION, HIP, KNEE)]
         phases = {corner.ankle: corner.phase for corner in CORNERS}
-        super().__init__(model, building, servos, phases, parameters.bearing_share)
+        super().__init__(model, building, parameters.limb, servos, phases, parameters.bearing_share)
         self._parameters = parameters
 
     def command(self, time_s: float, data: Any) -> None:
@@ -139,7 +139,7 @@ def quadruped(options: RobotOptions) -> Robot:
 
     """
     parameters = QuadrupedParameters()
-    building = Building("quadruped", _TRUNK, parameters.limb, options)
+    building = Building("quadruped", _TRUNK, options)
     slope_rad = building.ground.slope_rad
     trunk = _add_trunk(building.spec, parameters, options, slope_rad)
     ankles = tuple(_add_leg(building, trunk, corner, parameters) for corner in CORNERS)
@@ -186,7 +186,7 @@ def _add_leg(building: Building, trunk: Any, corner: Corner, parameters: Quadrup
         conaffinity=0,
     )
     add_servo(building.spec, hip, f"{side}{ABDUCTION}", (1.0, 0.0, 0.0), limb, (-1.0, 1.0))
-    return add_limb(building, hip, corner.ankle, (0.0, corner.left * parameters.offset_m, 0.0), side)
+    return add_limb(building, limb, hip, corner.ankle, (0.0, corner.left * parameters.offset_m, 0.0), side)
 
 
 def _add_hold(spec: Any, contact_time_s: float) -> None:
