@@ -34,8 +34,6 @@ from studies.contact.trial import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from studies.contact.trial import Score
-
 AIMS = {
     "impact": "recall and precision 0.995, median delay under 3 ms",
     "slip": "recall and precision 0.95, before 10 mm in the median",
@@ -62,17 +60,19 @@ def results(outcome: Outcome, benefit: Sequence[dict[str, Any]]) -> dict[str, An
                     *(way for way in more if kind == "slip" or way != WITH_ODOMETRY),
                     *(best[kind, name] for each, name in best if each == kind),
                 )
-                rows += [
-                    _row(
-                        part,
-                        source or "all",
-                        mount or "all",
-                        kind,
-                        way,
-                        pooled(outcome, part, kind, way, mount, source),
-                    )
-                    for way in ways
-                ]
+                for way in ways:
+                    score = pooled(outcome, part, kind, way, mount, source)
+                    row: dict[str, Any] = {
+                        "part": part,
+                        "source": source or "all",
+                        "mount": mount or "all",
+                        "kind": kind,
+                        "way": way,
+                    }
+                    row |= score.figures()
+                    row["delay_ms"] = finite([MS * value for value in median_with_interval(score.delays_s)])
+                    row["slid_mm"] = finite([MM * value for value in median_with_interval(score.ways_m)])
+                    rows.append(row)
     return {
         "steps": dict(outcome.steps),
         "unavailable": outcome.unavailable,
@@ -81,21 +81,6 @@ def results(outcome: Outcome, benefit: Sequence[dict[str, Any]]) -> dict[str, An
         "windows_s": {kind: list(window) for kind, window in WINDOWS_S.items()},
         "rows": rows,
         "benefit": list(benefit),
-    }
-
-
-def _row(part: str, source: str, mount: str, kind: str, way: str, score: Score) -> dict[str, Any]:
-    delay = [MS * value for value in median_with_interval(score.delays_s)]
-    way_mm = [MM * value for value in median_with_interval(score.ways_m)]
-    return {
-        "part": part,
-        "source": source,
-        "mount": mount,
-        "kind": kind,
-        "way": way,
-        **score.figures(),
-        "delay_ms": finite(delay),
-        "slid_mm": finite(way_mm),
     }
 
 

@@ -76,15 +76,13 @@ def always(samples: Sequence[ImuSample], period_s: float) -> list[float]:
     """Return a time every `period_s`, s."""
     reported: list[float] = []
     for sample in samples:
-        time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-        if not reported or time_s - reported[-1] >= period_s:
-            reported.append(time_s)
+        _tell(reported, sample, period_s)
     return reported
 
 
-def _tell(reported: list[float], sample: ImuSample) -> None:
+def _tell(reported: list[float], sample: ImuSample, refractory_s: float = REFRACTORY_S) -> None:
     time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-    if not reported or time_s - reported[-1] >= REFRACTORY_S:
+    if not reported or time_s - reported[-1] >= refractory_s:
         reported.append(time_s)
 
 
