@@ -235,6 +235,8 @@ _LINK_M = 0.21
 FLAT_SHARE = 0.5
 """Of the legs that have an ankle and a foot; the others end in a ball."""
 STRIDES_AT_ONCE = 5
+SLIP_SHARE = 0.35
+"""Of the stances in which the foot slides."""
 AT_ONCE_SHARE, BACK_SHARE = 0.4, 0.7
 """Of the slides that begin with the touch-down, and that go back."""
 SLIDE_MIN_S = 0.04
@@ -276,7 +278,6 @@ class Gait:
     """Share of a cubic in the lift, which ends with a speed: how fast the foot comes down."""
     flat: bool
     """Whether there is a foot that stands flat below an ankle, or a ball at the end of the shank."""
-    slip_share: float
     vibration_m_s2: float
     slope_rad: float
 
@@ -290,7 +291,6 @@ def draw_gait(chance: np.random.Generator, *, wide: bool) -> Gait:
         lift_m=chance.uniform(0.03, 0.10) if not wide else chance.uniform(0.025, 0.13),
         hardness=chance.uniform(0.05, 0.7),
         flat=bool(chance.random() < FLAT_SHARE),
-        slip_share=0.35,
         vibration_m_s2=10.0 ** chance.uniform(-1.0, 0.5),
         slope_rad=math.radians(chance.uniform(0.0, 20.0) if not wide else chance.uniform(0.0, 35.0)),
     )
@@ -348,7 +348,7 @@ def _stride(track: _Track, gait: Gait, chance: np.random.Generator) -> None:
     speed = 6.75 * hardness * gait.lift_m / (swing / FINE_HZ)
     track.touchdowns.append((begin + swing, max(0.05, speed)))
     x = np.full(stance, track.foot_x[-1][-1])
-    if chance.uniform() < gait.slip_share:
+    if chance.uniform() < SLIP_SHARE:
         _slide(track, x, begin + swing, chance)
     track.foot_x.append(x)
     track.foot_z.append(np.zeros(stance))
@@ -408,7 +408,7 @@ def _felt(track: _Track, gait: Gait, mount: str, chance: np.random.Generator, *,
     force[:, 0] = np.clip(ax, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.sin(gait.slope_rad)
     force[:, 2] = np.clip(az, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.cos(gait.slope_rad)
     _soften_corners(force, track, ax, az)
-    _add_blows(force, track, gait, mount, chance, count)
+    _add_blows(force, track, gait, mount, chance)
     _add_vibration(force, stands, gait, mount, chance)
     cos, sin = np.cos(angle), np.sin(angle)
     x, z = force[:, 0].copy(), force[:, 2].copy()
@@ -469,48 +469,35 @@ def _soften_corners(
             force[after, axis] -= made[after]
 
 
-def _add_blows(
-    force: NDArray[np.float64], track: _Track, gait: Gait, mount: str, chance: np.random.Generator, count: int
-) -> None:
+def _add_blows(force: NDArray[np.float64], track: _Track, gait: Gait, mount: str, chance: np.random.Generator) -> None:
     passed = {"foot": 1.0, "shank": chance.uniform(0.3, 0.7), "body": chance.uniform(0.04, 0.15)}[mount]
     ring_hz, decay_s = chance.uniform(25.0, 90.0), chance.uniform(0.005, 0.025)
     contact_s = chance.uniform(0.003, 0.012) * (2.0 if mount == "body" else 1.0)
+
+    def blow(index: int, speed: float, lasts_s: float = contact_s) -> None:
+        last = min(len(force), index + round(0.15 * FINE_HZ))
+        if index >= last:
+            return
+        time_s = np.arange(last - index) / FINE_HZ
+        peak = 0.5 * math.pi * speed / lasts_s
+        pulse = np.where(time_s < lasts_s, peak * np.sin(math.pi * time_s / lasts_s), 0.0)
+        ring = chance.uniform(0.1, 0.5) * peak * np.exp(-time_s / decay_s) * np.sin(2.0 * math.pi * ring_hz * time_s)
+        way = np.array([chance.normal(0.0, 0.35), chance.normal(0.0, 0.2), 1.0])
+        way /= np.linalg.norm(way)
+        force[index:last] += pulse[:, None] * way
+        force[index:last] += ring[:, None] * (way + chance.normal(0.0, 0.3, 3))
+
     others = [(index + round(0.5 * gait.stride_s * FINE_HZ), speed) for index, speed in track.touchdowns]
-    blows = [(i, v, 1.0) for i, v in track.touchdowns] + [
-        (i, v, 1.0 if mount == "body" else chance.uniform(0.03, 0.25)) for i, v in others
-    ]
-    for index, speed, share in blows:
-        _add_blow(force, index, passed * share * speed, contact_s, ring_hz, decay_s, chance, count)
+    shares = [1.0 if mount == "body" else chance.uniform(0.03, 0.25) for _ in others]
+    for (index, speed), share in zip([*track.touchdowns, *others], [1.0] * len(others) + shares, strict=True):
+        blow(index, passed * share * speed)
     for (index, speed), lifted in zip(track.touchdowns, track.liftoffs, strict=True):
         # Joints that reverse, cables that strike, feet that scrape: jolts of a swing and of a stance.
         for _ in range(int(chance.integers(0, 3))):
             at = int(chance.uniform(lifted, index + (index - lifted)))
-            _add_blow(force, at, 0.25 * passed * speed * chance.uniform(), contact_s, ring_hz, decay_s, chance, count)
+            blow(at, 0.25 * passed * speed * chance.uniform())
     for index in track.liftoffs:
-        _add_blow(force, index, -0.1 * passed * chance.uniform(0.2, 2.0), 0.015, ring_hz, decay_s, chance, count)
-
-
-def _add_blow(
-    force: NDArray[np.float64],
-    index: int,
-    speed: float,
-    contact_s: float,
-    ring_hz: float,
-    decay_s: float,
-    chance: np.random.Generator,
-    count: int,
-) -> None:
-    last = min(count, index + round(0.15 * FINE_HZ))
-    if index >= last:
-        return
-    time_s = np.arange(last - index) / FINE_HZ
-    peak = 0.5 * math.pi * speed / contact_s
-    pulse = np.where(time_s < contact_s, peak * np.sin(math.pi * time_s / contact_s), 0.0)
-    ring = chance.uniform(0.1, 0.5) * peak * np.exp(-time_s / decay_s) * np.sin(2.0 * math.pi * ring_hz * time_s)
-    way = np.array([chance.normal(0.0, 0.35), chance.normal(0.0, 0.2), 1.0])
-    way /= np.linalg.norm(way)
-    force[index:last] += pulse[:, None] * way
-    force[index:last] += ring[:, None] * (way + chance.normal(0.0, 0.3, 3))
+        blow(index, -0.1 * passed * chance.uniform(0.2, 2.0), 0.015)
 
 
 def _add_vibration(
