@@ -35,7 +35,7 @@ def context(command: Any, name: str, parent: Any = None) -> Any:
 
 def rigs() -> Any:
     """Return the group of `jammkle rig`, which has a command line of its own."""
-    return get_command(rig_app(lambda _: 0))
+    return get_command(rig_app(lambda *_: 0))
 
 
 def command_lines() -> list[tuple[str, str, str]]:

@@ -28,10 +28,10 @@ _SPIN_S = 0.1
 
 
 def _sim(_within: str) -> Node:
-    from jammkle_sim.kinds import make_simulation  # noqa: PLC0415 - loaded where it is asked for
+    from jammkle_sim.kinds import RIG  # noqa: PLC0415 - loaded where it is asked for
     from jammkle_sim.node import SimNode  # noqa: PLC0415 - as above
 
-    return SimNode(make_simulation)
+    return SimNode(RIG)
 
 
 def _controller(within: str) -> Node:

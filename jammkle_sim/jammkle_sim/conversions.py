@@ -1,7 +1,8 @@
 """Between the simulation's values and ROS messages: stamps, units, frames, and checks at the border.
 
 Outgoing messages are made once and filled again for every publication: rclpy copies a message while it publishes,
-so nobody sees the next contents too early, and filling costs a tenth of making. All values are SI on both sides.
+so nobody sees the next contents too early, and filling costs a tenth of making. Those that are most of what is said,
+IMU, pressures and load cell, are made as bytes at once. All values are SI on both sides.
 """
 
 from __future__ import annotations
@@ -31,9 +32,7 @@ if TYPE_CHECKING:
 # Those of ROS for the node; a rig without the graph fills the same where no ROS is installed.
 ActuatorStates = message_class("jammkle_msgs/msg/ActuatorStates")
 Clock = message_class("rosgraph_msgs/msg/Clock")
-FluidPressure = message_class("sensor_msgs/msg/FluidPressure")
 Header = message_class("std_msgs/msg/Header")
-Imu = message_class("sensor_msgs/msg/Imu")
 JointState = message_class("sensor_msgs/msg/JointState")
 Odometry = message_class("nav_msgs/msg/Odometry")
 String = message_class("std_msgs/msg/String")
@@ -41,7 +40,6 @@ TendonState = message_class("jammkle_msgs/msg/TendonState")
 TendonStates = message_class("jammkle_msgs/msg/TendonStates")
 Time = message_class("builtin_interfaces/msg/Time")
 TrueContact = message_class("jammkle_msgs/msg/TrueContact")
-WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
 
 _NO_ORIENTATION = -1.0
 """REP-145 and sensor_msgs/Imu: the first element of a covariance that belongs to nothing measured."""
@@ -66,21 +64,14 @@ class OutgoingMessages:
         """Make the messages, tendon_states for these tendons, with frames of an ankle in a namespace."""
         self._namespace = namespace
         self._clock = Clock()
-        self._imu = Imu(header=Header(frame_id=frame(namespace, IMU_FRAME)))
-        self._imu.orientation_covariance[0] = _NO_ORIENTATION
         sensors = SensorParameters()  # what the data sheet of a sensor states, whatever is wrong with this one
-        acceleration, angular_rate = imu_variance(sensors)
-        for axis in _DIAGONAL:
-            self._imu.linear_acceleration_covariance[axis] = acceleration
-            self._imu.angular_velocity_covariance[axis] = angular_rate
-        self._imu_values = _imu_values(self._imu)
-        self._imu_writer = wire.Writer(self._imu.header.frame_id, wire.IMU_DOUBLES)
-        self._pressure = FluidPressure(variance=sensors.pressure_noise_pa**2)
-        self._pressure_writers: dict[str, wire.Writer] = {}
+        self._imu = wire.Writer(frame(namespace, IMU_FRAME), wire.IMU_DOUBLES)
+        self._imu_values = _imu_values(sensors)
+        self._pressure_variance_pa2 = sensors.pressure_noise_pa**2
+        self._pressures: dict[str, wire.Writer] = {}
+        self._wrench = wire.Writer(frame(namespace, LOAD_CELL_FRAME), wire.WRENCH_DOUBLES)
         self._joints = JointState()
         self._tendons = TendonStates(tendons=[TendonState(name=name) for name in tendons])
-        self._wrench = WrenchStamped(header=Header(frame_id=frame(namespace, LOAD_CELL_FRAME)))
-        self._wrench_writer = wire.Writer(self._wrench.header.frame_id, wire.WRENCH_DOUBLES)
         self._odometry = Odometry(
             header=Header(frame_id=frame(namespace, ODOM_FRAME)), child_frame_id=frame(namespace, BASE_FRAME)
         )
@@ -90,35 +81,24 @@ class OutgoingMessages:
         """Return the tick of a simulated time, ns."""
         return _stamped(self._clock, self._clock.clock, time_ns)
 
-    def imu(self, time_ns: int, sample: ImuSample) -> Imu:
-        """Return specific force, m/s^2, and angular velocity, rad/s, in the frame of the IMU (REP-145)."""
-        _check_finite("the IMU", (*sample.specific_force_m_s2, *sample.angular_velocity_rad_s))
-        _fill_vector(self._imu.linear_acceleration, sample.specific_force_m_s2)
-        _fill_vector(self._imu.angular_velocity, sample.angular_velocity_rad_s)
-        return _stamped(self._imu, self._imu.header.stamp, time_ns)
-
-    def imu_bytes(self, time_ns: int, sample: ImuSample) -> bytes:
-        """Return the same, serialized; in a quarter of the time."""
+    def imu(self, time_ns: int, sample: ImuSample) -> bytes:
+        """Return specific force, m/s^2, and angular velocity, rad/s, in the frame of the IMU (REP-145), serialized."""
         _check_finite("the IMU", (*sample.specific_force_m_s2, *sample.angular_velocity_rad_s))
         self._imu_values[wire.IMU_FORCE] = sample.specific_force_m_s2
         self._imu_values[wire.IMU_RATE] = sample.angular_velocity_rad_s
-        return self._imu_writer.write(time_ns, self._imu_values)
+        return self._imu.write(time_ns, self._imu_values)
 
-    def pressure_bytes(self, time_ns: int, pressure_pa: float, place: str) -> bytes:
-        """Return what `pressure` returns, serialized."""
+    def pressure(self, time_ns: int, pressure_pa: float, place: str) -> bytes:
+        """Return one absolute pressure, Pa, in a place: channel or manifold; serialized, with its noise's variance."""
         _check_finite("a pressure", (pressure_pa,))
-        writer = self._pressure_writers.get(place)
-        if writer is None:
-            writer = wire.Writer(frame(self._namespace, place), wire.PRESSURE_DOUBLES)
-            self._pressure_writers[place] = writer
-        return writer.write(time_ns, (pressure_pa, self._pressure.variance))
+        if place not in self._pressures:
+            self._pressures[place] = wire.Writer(frame(self._namespace, place), wire.PRESSURE_DOUBLES)
+        return self._pressures[place].write(time_ns, (pressure_pa, self._pressure_variance_pa2))
 
-    def pressure(self, time_ns: int, pressure_pa: float, place: str) -> FluidPressure:
-        """Return one absolute pressure, Pa, in a place: channel or manifold. Its variance is that of the noise."""
-        _check_finite("a pressure", (pressure_pa,))
-        self._pressure.fluid_pressure = pressure_pa
-        self._pressure.header.frame_id = frame(self._namespace, place)
-        return _stamped(self._pressure, self._pressure.header.stamp, time_ns)
+    def wrench(self, time_ns: int, force_n: tuple[float, float, float]) -> bytes:
+        """Return the force between rig and leg, N, tension positive on z, serialized; the cell measures no torque."""
+        _check_finite("the load cell", force_n)
+        return self._wrench.write(time_ns, (*force_n, 0.0, 0.0, 0.0))
 
     def joint_states(
         self,
@@ -170,17 +150,6 @@ class OutgoingMessages:
         _fill_vector(twist.linear, base.linear_m_s)
         _fill_vector(twist.angular, base.angular_rad_s)
         return _stamped(self._odometry, self._odometry.header.stamp, time_ns)
-
-    def wrench(self, time_ns: int, force_n: tuple[float, float, float]) -> WrenchStamped:
-        """Return the force between rig and leg, N, tension positive on z. The load cell measures no torque."""
-        _check_finite("the load cell", force_n)
-        _fill_vector(self._wrench.wrench.force, force_n)
-        return _stamped(self._wrench, self._wrench.header.stamp, time_ns)
-
-    def wrench_bytes(self, time_ns: int, force_n: tuple[float, float, float]) -> bytes:
-        """Return what `wrench` returns, serialized."""
-        _check_finite("the load cell", force_n)
-        return self._wrench_writer.write(time_ns, (*force_n, 0.0, 0.0, 0.0))
 
 
 def time_message(time_ns: int) -> Time:
@@ -270,13 +239,15 @@ def _seconds(given: Time | Duration) -> float:
     return given.sec + given.nanosec / NANOSECONDS_PER_SECOND
 
 
-def _imu_values(message: Imu) -> list[float]:
-    """Return the numbers of a message in their order, with orientation and what is measured still to be filled in."""
+def _imu_values(sensors: SensorParameters) -> list[float]:
+    """Return the numbers of a sensor_msgs/Imu in their order; what is measured is still to be filled in."""
     values = [0.0] * wire.IMU_DOUBLES
-    values[3] = message.orientation.w
-    values[wire.IMU_ORIENTATION_COVARIANCE] = list(message.orientation_covariance)
-    values[wire.IMU_RATE_COVARIANCE] = list(message.angular_velocity_covariance)
-    values[wire.IMU_FORCE_COVARIANCE] = list(message.linear_acceleration_covariance)
+    values[3] = 1.0  # w of the message's default orientation
+    values[wire.IMU_ORIENTATION_COVARIANCE.start] = _NO_ORIENTATION
+    acceleration, angular_rate = imu_variance(sensors)
+    for covariance, variance in ((wire.IMU_FORCE_COVARIANCE, acceleration), (wire.IMU_RATE_COVARIANCE, angular_rate)):
+        for place in _DIAGONAL:
+            values[covariance.start + place] = variance
     return values
 
 

@@ -33,26 +33,18 @@ class SimKind:
 
     parameters: type[RunParameters]
     """Table of the node's parameters."""
+    options: type
+    """Those of them that the machine is built from, and built anew from at a reset once they are others."""
+    make: Callable[[Any], Simulation]
+    """Builds it from the node's parameters."""
     outputs: tuple[Output, ...]
     """What each of its ankles can publish."""
-    options_of: Callable[[Any], object]
-    """Gives of the parameters what a reset builds the machine anew for, once it is something else."""
     robot_of: Callable[[Any], Robot]
     """Gives what the robot description of a machine is made from."""
 
-
-RIG = SimKind(
-    SimParameters,
-    tuple(output for output in Output if output not in (Output.TRUE_CONTACT, Output.GAIT)),
-    lambda parameters: _options(LandingOptions, parameters),
-    lambda rig: ankle_alone(rig.parts.get("ankle")),  # what a rig adds to its ankle is none of a robot's
-)
-ROBOT = SimKind(
-    RobotParameters,
-    tuple(output for output in Output if output is not Output.LOAD_CELL),
-    lambda parameters: _options(RobotOptions, parameters),
-    lambda built: built,
-)
+    def options_of(self, parameters: RunParameters) -> Any:
+        """Return what the parameters say of the machine; speed and rates are none of its business."""
+        return _options(self.options, parameters)
 
 
 def make_simulation(parameters: SimParameters) -> Simulation:
@@ -119,7 +111,6 @@ def _warmed_up(build: Callable[[], Machine]) -> Simulation:
 
 
 def _options(table: type, parameters: RunParameters) -> Any:
-    """Return what the parameters say of the machine; speed and rates are none of its business."""
     return table(**{field.name: getattr(parameters, field.name) for field in fields(table)})
 
 
@@ -139,3 +130,19 @@ def _effects(file: str) -> Change | None:
         msg = f"parameter 'effects_file': {error}"
         raise ParameterError(msg) from error
     return change
+
+
+RIG = SimKind(
+    SimParameters,
+    LandingOptions,
+    make_simulation,
+    tuple(output for output in Output if output not in (Output.TRUE_CONTACT, Output.GAIT)),
+    lambda rig: ankle_alone(rig.parts.get("ankle")),  # what a rig adds to its ankle is none of a robot's
+)
+ROBOT = SimKind(
+    RobotParameters,
+    RobotOptions,
+    make_robot,
+    tuple(output for output in Output if output is not Output.LOAD_CELL),
+    lambda built: built,
+)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
@@ -32,22 +32,30 @@ from jammkle_sim.core.engine import (
     RunState,
     steps_per_output,
 )
-from jammkle_sim.kinds import RIG, SimKind
 from jammkle_sim.parameters import GAIT_RATE_HZ, MACHINE_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ
 from jammkle_sim.participants import Participants
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import UrdfNames, robot_urdf
-from jammkle_sim.topics import Ankles, ClockOutput, JointRequests, MachineOutputs
+from jammkle_sim.topics import (
+    AnkleOutputs,
+    ClockOutput,
+    JointRequests,
+    MachineOutputs,
+    SimulatedBoard,
+    namespaces,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection
 
     from rclpy.executors import Executor
     from rclpy.service import Service
 
     from jammkle_common.runner import StopFlag
+    from jammkle_sim.core.engine import Tick
+    from jammkle_sim.kinds import SimKind
     from jammkle_sim.parameters import RunParameters
-    from jammkle_sim.rigs.simulation import Ankle, Simulation
+    from jammkle_sim.rigs.simulation import Simulation
 
 _SLOW_BELOW = 0.9
 """Share of the wanted speed below which the simulation counts as too slow. Assumed: clear of measuring noise."""
@@ -69,11 +77,10 @@ _STANDING_CLOCK_PERIOD_S = 0.5
 class SimNode(Node):
     """Runs one simulation at its pace and puts it on the graph. `drive` drives it."""
 
-    def __init__(self, make_simulation: Callable[[Any], Simulation], kind: SimKind = RIG) -> None:
+    def __init__(self, kind: SimKind) -> None:
         """Make the node, what it simulates and all its topics and services.
 
         Args:
-            make_simulation: Builds it from the node's parameters.
             kind: What is simulated.
 
         Raises:
@@ -87,9 +94,8 @@ class SimNode(Node):
         )
         parameters = declare(self, kind.parameters)
         self._kind = kind
-        self._make_simulation = make_simulation
         self._wanted = self._built = parameters
-        self._simulation = make_simulation(parameters)
+        self._simulation = kind.make(parameters)
         self._engine = _make_engine(self._simulation, parameters, kind.outputs)
         self._clock_output = ClockOutput(self, parameters.clock_rate_hz, is_ours=parameters.publish_clock)
         self._description = self.create_publisher(
@@ -98,10 +104,14 @@ class SimNode(Node):
         self._diagnostics = DiagnosticsPublisher(
             self, "jammkle_sim", self._health, lambda: time_message(self._engine.time_ns)
         )
-        ankles = _by_namespace(self._simulation)
-        self._participants = Participants(self, ankles, parameters, self._diagnostics.check)
-        self._liveness = Liveness(self, ankles, self._time_s)
-        self._ankles = Ankles(self, ankles, kind.outputs, self._diagnostics.check, self._time_s)
+        ankles = namespaces(self._simulation)
+        self._participants = Participants(self, ankles.values(), parameters, self._diagnostics.check)
+        self._liveness = Liveness(self, ankles.values(), self._time_s)
+        self._outputs = [AnkleOutputs(self, self._simulation, name, kind.outputs) for name in ankles]
+        self._boards = [
+            SimulatedBoard(self, self._simulation, name, self._diagnostics.check, self._time_s) for name in ankles
+        ]
+        self._reported_broken: list[tuple[str, ...]] = []
         self._machine_outputs = self._make_machine_outputs()
         self._joint_requests = JointRequests(self, self._simulation, self._time_s)
         self._describe()
@@ -141,27 +151,34 @@ class SimNode(Node):
             self._engine.go_as_far_as(limit_ns)
         stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
         left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
-        self._ankles.set_paused(self._engine.time_ns, paused=left_out)
-        if not self._engine.begun and self._engine.wait_s() <= 0.0:
-            self._ankles.begin()
-        self._ankles.before_step(self._engine.time_ns)
+        begins = not self._engine.begun and self._engine.wait_s() <= 0.0
+        for board in self._boards:
+            board.set_paused(self._engine.time_ns, paused=left_out)
+            if begins:
+                board.begin()
+            board.before_step(self._engine.time_ns)
         try:
             tick = self._engine.cycle()
             if tick is not None:
-                if Output.PRESSURES in tick.outputs:
-                    self._ankles.repeat(tick.time_ns)
-                self._ankles.publish(tick)
-                self._machine_outputs.publish(tick, self._simulation)
-                if self._engine.control.state is not RunState.RUNNING:
-                    self._tick(tick.time_ns)
-                elif self._clock_output.run(tick.time_ns):
-                    self._participants.sent(tick.time_ns)
-                self._diagnostics.at(self._time_s())
+                self._publish(tick)
         except (UnstableSimulationError, NotFiniteError) as error:
             self._fail(str(error))
-        self._ankles.report_breaks()
+        self._report_breaks()
         self._participants.arrived(math.inf if stands else self._engine.next_output_ns())
         return self._engine.wait_s()
+
+    def _publish(self, tick: Tick) -> None:
+        if Output.PRESSURES in tick.outputs:
+            for board in self._boards:
+                board.repeat(tick.time_ns)
+        for outputs in self._outputs:
+            outputs.publish(tick)
+        self._machine_outputs.publish(tick, self._simulation)
+        if self._engine.control.state is not RunState.RUNNING:
+            self._tick(tick.time_ns)
+        elif self._clock_output.run(tick.time_ns):
+            self._participants.sent(tick.time_ns)
+        self._diagnostics.at(self._time_s())
 
     def _time_s(self) -> float:
         return self._engine.time_ns / NANOSECONDS_PER_SECOND
@@ -186,9 +203,9 @@ class SimNode(Node):
         """
         received = -1
         for _ in range(_MOST_CALLBACKS):
-            if self._ankles.received == received:
+            before, received = received, sum(board.received for board in self._boards)
+            if received == before:
                 return
-            received = self._ankles.received
             executor.spin_once(timeout_sec=0)
 
     def shut_down(self) -> None:
@@ -216,6 +233,13 @@ class SimNode(Node):
         if self._engine.control.state in (RunState.PAUSED, RunState.FAILED):
             self._tick(self._engine.time_ns)
 
+    def _report_breaks(self) -> None:
+        """Say at once that a tendon broke."""
+        broken = [outputs.broken_tendons for outputs in self._outputs]
+        if broken != self._reported_broken:
+            self._reported_broken = broken
+            self._diagnostics.check()
+
     def _fail(self, why: str) -> None:
         """Stop what cannot be simulated any further."""
         self._engine.fail(why)
@@ -228,17 +252,19 @@ class SimNode(Node):
     def _reset(self) -> None:
         self._engine.reset()
         if self._kind.options_of(self._wanted) != self._kind.options_of(self._built):
-            self._simulation.exchange(self._make_simulation(self._wanted).machine)
+            self._simulation.exchange(self._kind.make(self._wanted).machine)
             self._built = self._wanted
-            self._ankles.show(_by_namespace(self._simulation))
+            for outputs in self._outputs:
+                outputs.look_at_tendons()
             self._describe()
-        self._ankles.apply()
+        for board in self._boards:
+            board.apply()
 
     def _health(self) -> list[Health]:
         return [
             self._simulation_health(),
             self._participants.health(),
-            *self._ankles.health(),
+            *(each.health() for pair in zip(self._outputs, self._boards, strict=True) for each in pair),
             self._liveness.health(),
         ]
 
@@ -270,11 +296,6 @@ class SimNode(Node):
         robot = self._kind.robot_of(self._simulation.machine)
         joints = UrdfNames(robot).reported if len(robot.ankles) > 1 else ()
         return MachineOutputs(self, robot_urdf(robot, self.get_namespace()), joints)
-
-
-def _by_namespace(simulation: Simulation) -> Mapping[str, Ankle]:
-    """Return the ankles by namespace below the node's own; a single one is in that."""
-    return simulation.ankles if len(simulation.ankles) > 1 else {"": simulation.ankle}
 
 
 def _make_engine(simulation: Simulation, parameters: RunParameters, outputs: Collection[Output]) -> Engine:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -46,137 +45,30 @@ _ONLY_IF_SUBSCRIBED = (*STATES, Output.TRUE_CONTACT)
 """What nobody need look at: a message without a subscriber costs as much as a step."""
 
 
-@dataclass(frozen=True)
-class _OnGraph:
-    """One ankle on the graph."""
-
-    name: str
-    outputs: _Outputs
-    commands: _Commands
+def namespaces(simulation: Simulation) -> dict[str, str]:
+    """Return the namespace of each ankle below the node's own, by its name; a single one is in that."""
+    return {name: name if len(simulation.ankles) > 1 else "" for name in simulation.ankles}
 
 
-class Ankles:
-    """Publishers and subscriptions of one ankle in the node's own namespace, or of several below it."""
+class AnkleOutputs:
+    """Publishers of one ankle's outputs, sampled at the moment of publishing."""
 
-    def __init__(
-        self,
-        node: Node,
-        ankles: Mapping[str, Ankle],
-        outputs: Collection[Output],
-        on_change: Callable[[], None],
-        time_s: Callable[[], float],
-    ) -> None:
-        """Put the ankles on the graph.
+    def __init__(self, node: Node, simulation: Simulation, name: str, outputs: Collection[Output]) -> None:
+        """Make the publishers.
 
         Args:
             node: The sim node.
-            ankles: By namespace below the node's own; a single one under an empty name is in that.
-            outputs: What each of them can publish.
-            on_change: Called when the health of one has become something else.
-            time_s: Gives simulated time, s.
+            simulation: What is simulated, whichever machine that is.
+            name: Of the ankle.
+            outputs: What it can publish.
 
         """
-        self._on_change = on_change
-        self._all = [
-            _OnGraph(name, _Outputs(node, ankle, outputs, name), _Commands(node, ankle, on_change, time_s, name))
-            for name, ankle in ankles.items()
-        ]
-        self._reported_broken: list[tuple[str, ...]] = []
-
-    @property
-    def received(self) -> int:
-        """How many messages of the drivers have come."""
-        return sum(each.commands.received for each in self._all)
-
-    def show(self, ankles: Mapping[str, Ankle]) -> None:
-        """Sample and command these from now on, by the names of the start."""
-        for each in self._all:
-            each.outputs.show(ankles[each.name])
-            each.commands.show(ankles[each.name])
-
-    def publish(self, tick: Tick) -> None:
-        """Publish a tick's outputs of every ankle.
-
-        Raises:
-            NotFiniteError: the simulation gave NaN or infinity; it was not published.
-
-        """
-        for each in self._all:
-            each.outputs.publish(tick)
-
-    def before_step(self, time_ns: int) -> None:
-        """Let go of ankles whose driver was silent for too long, and acknowledge what has changed.
-
-        Args:
-            time_ns: Simulated time at which the step begins, ns.
-
-        """
-        for each in self._all:
-            each.commands.before_step(time_ns)
-
-    def set_paused(self, time_ns: int, *, paused: bool) -> None:
-        """Say whether the ankles stand still although the clock may go on; simulated time of now, ns."""
-        for each in self._all:
-            each.commands.set_paused(time_ns, paused=paused)
-
-    def begin(self) -> None:
-        """Say what is commanded before the first step, with the next acknowledgement."""
-        for each in self._all:
-            each.commands.begin()
-
-    def repeat(self, time_ns: int) -> None:
-        """Acknowledge once more where nothing was acknowledged since the last call."""
-        for each in self._all:
-            each.commands.repeat(time_ns)
-
-    def apply(self) -> None:
-        """Command again what stands: a reset machine is still wired to the same drivers."""
-        for each in self._all:
-            each.commands.apply()
-
-    def report_breaks(self) -> None:
-        """Say at once that a tendon broke."""
-        broken = [each.outputs.broken_tendons for each in self._all]
-        if broken != self._reported_broken:
-            self._reported_broken = broken
-            self._on_change()
-
-    def health(self) -> list[Health]:
-        """Return two lines for each: its tendons, its commands."""
-        return [
-            line
-            for each in self._all
-            for line in (_tendon_health(each.name, each.outputs.broken_tendons), _command_health(each))
-        ]
-
-
-def _tendon_health(ankle: str, broken: Sequence[str]) -> Health:
-    about = f"{ankle} tendons".strip()
-    values = {"broken tendons": ", ".join(broken) or "none"}
-    if broken:
-        return Health(about, Level.ERROR, f"broken: {', '.join(broken)}; ~/reset makes them whole", values)
-    return Health(about, Level.OK, "whole", values)
-
-
-def _command_health(ankle: _OnGraph) -> Health:
-    about = f"{ankle.name}{COMMANDS_LINE}".strip()
-    if ankle.commands.let_go:
-        message = (
-            f"no command for {WATCHDOG_S:g} s while something was on: everything released, until a release is commanded"
-        )
-        return Health(about, Level.ERROR, message)
-    if ankle.commands.refused:
-        return Health(about, Level.WARN, ankle.commands.refused)
-    return Health(about, Level.OK, "followed")
-
-
-class _Outputs:
-    """Publishers of one ankle's outputs, sampled at the moment of publishing."""
-
-    def __init__(self, node: Node, ankle: Ankle, outputs: Collection[Output], within: str) -> None:
-        """Make the publishers on `node`, for an ankle whose namespace is `within` the node's own."""
-        self._namespace = resolved(node.get_namespace(), within).rstrip("/") or "/"
-        self.show(ankle)
+        self._within = within = namespaces(simulation)[name]
+        self._simulation, self._name = simulation, name
+        tendons = tuple(tendon.name for tendon in self._ankle.tendons())
+        self._messages = OutgoingMessages(tendons, resolved(node.get_namespace(), within).rstrip("/") or "/")
+        self.broken_tendons: tuple[str, ...] = ()
+        """Names of the tendons that were broken when last looked at."""
         publisher = partial(_publisher, node, within)
         self._pressures = {
             place: publisher(FluidPressure, topic)
@@ -199,29 +91,42 @@ class _Outputs:
             self._planned_contact = publisher(Bool, names.PLANNED_CONTACT)
             self._publish[Output.GAIT] = self._publish_gait
 
-    def show(self, ankle: Ankle) -> None:
-        """Sample this ankle from now on."""
-        self._ankle = ankle
-        tendons = ankle.tendons()
-        self._messages = OutgoingMessages([tendon.name for tendon in tendons], self._namespace)
-        self.broken_tendons = tuple(tendon.name for tendon in tendons if tendon.broken)
-        """Names of the tendons that were broken when last looked at."""
+    def look_at_tendons(self) -> None:
+        """Note which are broken."""
+        self.broken_tendons = tuple(tendon.name for tendon in self._ankle.tendons() if tendon.broken)
 
     def publish(self, tick: Tick) -> None:
-        """Publish a tick's outputs."""
+        """Publish a tick's outputs.
+
+        Raises:
+            NotFiniteError: the simulation gave NaN or infinity; it was not published.
+
+        """
         if Output.TENDON_STATES in tick.outputs:
-            self.broken_tendons = tuple(tendon.name for tendon in self._ankle.tendons() if tendon.broken)
+            self.look_at_tendons()
         for output in tick.outputs:
             if output is not Output.MACHINE:
                 self._publish[output](tick.time_ns)
 
+    def health(self) -> Health:
+        """Return one line on its tendons."""
+        about, broken = f"{self._within} tendons".strip(), ", ".join(self.broken_tendons)
+        values = {"broken tendons": broken or "none"}
+        if broken:
+            return Health(about, Level.ERROR, f"broken: {broken}; ~/reset makes them whole", values)
+        return Health(about, Level.OK, "whole", values)
+
+    @property
+    def _ankle(self) -> Ankle:
+        return self._simulation.ankles[self._name]
+
     def _imu(self, time_ns: int) -> bytes:
-        return self._messages.imu_bytes(time_ns, self._ankle.imu())
+        return self._messages.imu(time_ns, self._ankle.imu())
 
     def _publish_pressures(self, time_ns: int) -> None:
         pressures_pa = {MANIFOLD_FRAME: self._ankle.manifold_pressure_pa(), **self._ankle.channel_pressures_pa()}
         for place, pressure_pa in pressures_pa.items():
-            self._pressures[place].publish(self._messages.pressure_bytes(time_ns, pressure_pa, place))
+            self._pressures[place].publish(self._messages.pressure(time_ns, pressure_pa, place))
 
     def _publish_gait(self, _time_ns: int) -> None:
         """Say what is planned of the foot, where a gait plans anything; both messages are of now, without a stamp."""
@@ -241,13 +146,13 @@ class _Outputs:
         return self._messages.tendon_states(time_ns, self._ankle.tendons())
 
     def _load_cell(self, time_ns: int) -> bytes:
-        return self._messages.wrench_bytes(time_ns, self._ankle.load_cell_force_n())
+        return self._messages.wrench(time_ns, self._ankle.load_cell_force_n())
 
     def _true_contact(self, time_ns: int) -> TrueContact:
         return self._messages.true_contact(time_ns, self._ankle.foot())
 
 
-class _Commands:
+class SimulatedBoard:
     """Subscriptions of one ankle's simulated board, and its acknowledgement.
 
     It says when it does what, and lets go when no commands come.
@@ -256,21 +161,23 @@ class _Commands:
     def __init__(
         self,
         node: Node,
-        ankle: Ankle,
+        simulation: Simulation,
+        name: str,
         on_change: Callable[[], None],
         time_s: Callable[[], float],
-        within: str,
     ) -> None:
         """Subscribe on `node`.
 
         Args:
             node: The sim node.
-            ankle: What obeys.
+            simulation: What is simulated, whichever machine that is.
+            name: Of the ankle that obeys.
             on_change: Called when `refused` or `let_go` becomes something else.
             time_s: Gives simulated time, s; the simulated board and its watchdog live in it.
-            within: Namespace of the ankle below the node's own; empty: that.
 
         """
+        self._within = within = namespaces(simulation)[name]
+        self._simulation, self._name = simulation, name
         self.received = 0
         """How many messages of the driver have come."""
         self.refused = ""
@@ -278,7 +185,6 @@ class _Commands:
         self.let_go = False
         """Whether the board has let go, as no command came; until everything is commanded to release."""
         self._time_s = time_s
-        self._ankle = ankle
         self._on_change = on_change
         self._duty, self._requested_duty = 0.0, 0.0
         self._energised, self._requested = (dict.fromkeys(names.CHANNELS, False) for _ in range(2))
@@ -295,12 +201,8 @@ class _Commands:
             on_solenoid = partial(self._on_solenoid, channel)
             node.create_subscription(Bool, below(within, topic), on_solenoid, subscriber_qos(topic))
 
-    def show(self, ankle: Ankle) -> None:
-        """Command this ankle from now on."""
-        self._ankle = ankle
-
     def apply(self) -> None:
-        """Command again what stands, and say that the plant began anew."""
+        """Command again what stands, and say that the plant began anew: it is still wired to the same driver."""
         self._restarts += 1
         self._is_new = True
         self._ankle.set_pump_duty(self._duty)
@@ -308,7 +210,7 @@ class _Commands:
             self._ankle.set_solenoid(channel, energised)
 
     def set_paused(self, time_ns: int, *, paused: bool) -> None:
-        """Say whether the ankle stands still although the clock may go on; its board's watchdog stands still, too."""
+        """Say whether the ankle stands still although the clock may go on; the watchdog stands still, too."""
         if paused == self._paused:
             return
         self._paused = paused
@@ -320,7 +222,12 @@ class _Commands:
         self._is_new = True
 
     def before_step(self, time_ns: int) -> None:
-        """Let go if the driver has been silent for too long, and acknowledge what has changed."""
+        """Let go if the driver has been silent for too long, and acknowledge what has changed.
+
+        Args:
+            time_ns: Simulated time at which the step begins, ns.
+
+        """
         now_s = self._time_s()
         self._received_s = min(self._received_s, now_s)  # time may be set back
         is_on = self._duty > 0.0 or any(self._energised.values())
@@ -335,6 +242,20 @@ class _Commands:
         if not self._acknowledged_lately:
             self._acknowledge(time_ns)
         self._acknowledged_lately = False
+
+    def health(self) -> Health:
+        """Return one line on whether it is commanded, and does so."""
+        about = f"{self._within}{COMMANDS_LINE}".strip()
+        if self.let_go:
+            message = f"no command for {WATCHDOG_S:g} s while something was on: everything released"
+            return Health(about, Level.ERROR, f"{message}, until a release is commanded")
+        if self.refused:
+            return Health(about, Level.WARN, self.refused)
+        return Health(about, Level.OK, "followed")
+
+    @property
+    def _ankle(self) -> Ankle:
+        return self._simulation.ankles[self._name]
 
     def _acknowledge(self, time_ns: int) -> None:
         states = actuator_states(

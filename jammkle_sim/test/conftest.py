@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from jammkle_common import names
 from jammkle_common.testing import own_domain
 from jammkle_msgs.srv import Step
-from jammkle_sim.kinds import make_simulation
+from jammkle_sim.kinds import RIG
 from jammkle_sim.node import SimNode
 from jammkle_sim.rigs.simulation import BaseSample, ImuSample, TendonSample, UnstableSimulationError
 
@@ -102,7 +103,7 @@ class Graph:
     """A sim node, and a node that records what it says and calls its services."""
 
     def __init__(self, make: Callable[[SimParameters], Any]) -> None:
-        self.sim = SimNode(make)
+        self.sim = SimNode(dataclasses.replace(RIG, make=make))
         self._executor = EventsExecutor()
         self._executor.add_node(self.sim)
         self.probe = rclpy.create_node("probe")
@@ -230,9 +231,7 @@ def start_graph(sim_domain_id: int) -> Iterator[Callable[..., Graph]]:
     """Start one sim node with parameters (and `namespace`), on the landing rig or on another."""
     graphs: list[Graph] = []
 
-    def start(
-        make: Callable[[SimParameters], Any] = make_simulation, namespace: str = "", **parameters: object
-    ) -> Graph:
+    def start(make: Callable[[SimParameters], Any] = RIG.make, namespace: str = "", **parameters: object) -> Graph:
         arguments = [text for name, value in parameters.items() for text in ("-p", f"{name}:={value}")]
         if namespace:
             arguments += ["-r", f"__ns:=/{namespace}"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,20 +18,6 @@ from studies.contact.real_foot import draw_real_foot, real_figures, real_foot
 from studies.contact.trial import best_settings, run_trial
 
 LEAST_STEPS = 40
-
-
-@dataclass(frozen=True)
-class ContactRequest:
-    """What was asked for on the command line."""
-
-    output: Path
-    steps: int
-    seed: int
-    runs: int
-    jobs: int
-    json: Path | None
-    real: Path | None = None
-    """Folder of recordings of a real foot."""
 
 
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
@@ -53,45 +38,31 @@ def contact(
     json: JsonOption = None,
 ) -> int:
     """Try the detectors on randomised steps, slips and landings, and write a page with every figure."""
-    return try_detectors(ContactRequest(output, steps, seed, runs, jobs, json, real))
-
-
-def try_detectors(request: ContactRequest) -> int:
-    """Run the trial and write its page; return the exit code.
-
-    Raises:
-        InputError: an option out of range, or a file that cannot be written.
-
-    """
-    check_writable(request.json)
-    for name, value, least in (
-        ("steps", request.steps, LEAST_STEPS),
-        ("runs", request.runs, 0),
-        ("jobs", request.jobs, 1),
-    ):
+    check_writable(json)
+    for name, value, least in (("steps", steps, LEAST_STEPS), ("runs", runs, 0), ("jobs", jobs, 1)):
         if value < least:
             msg = f"--{name} is {value}; it must be {least} or more"
             raise InputError(msg)
     try:
-        request.output.mkdir(parents=True, exist_ok=True)
+        output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"-o {request.output} cannot be written: {error.strerror}"
+        msg = f"-o {output} cannot be written: {error.strerror}"
         raise InputError(msg) from error
-    recordings = [] if request.real is None else sorted(request.real.glob("*.csv"))
-    if request.real is not None and not recordings:
-        msg = f"--real {request.real} holds no .csv; it must be a folder of tables: force, acceleration, rate"
+    recordings = [] if real is None else sorted(real.glob("*.csv"))
+    if real is not None and not recordings:
+        msg = f"--real {real} holds no .csv; it must be a folder of tables: force, acceleration, rate"
         raise InputError(msg)
     with progress_bar("contact") as update:
-        outcome = run_trial(request.seed, request.steps, request.jobs, update)
-        rows = benefit(request.seed, request.runs, request.jobs, update) if request.runs else []
+        outcome = run_trial(seed, steps, jobs, update)
+        rows = benefit(seed, runs, jobs, update) if runs else []
     feet = [real_foot(path, best_settings(outcome)) for path in recordings]
     figures = results(outcome, rows) | {"real": [real_figures(foot) for foot in feet]}
     for foot in feet:
-        draw_real_foot(foot, request.output / f"{foot.name}.png")
-    path = request.output / "contact.html"
-    path.write_text(page(outcome, figures, request.seed), encoding="utf-8")
-    write_json(request.output / "contact.json", figures)
-    write_json(request.json, figures)
+        draw_real_foot(foot, output / f"{foot.name}.png")
+    path = output / "contact.html"
+    path.write_text(page(outcome, figures, seed), encoding="utf-8")
+    write_json(output / "contact.json", figures)
+    write_json(json, figures)
     screen = console()
     for row in figures["rows"]:
         if row["source"] == "all" and row["mount"] == "all":

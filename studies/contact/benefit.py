@@ -9,12 +9,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import joblib  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 import typer
 
@@ -82,28 +81,8 @@ class Measured(NamedTuple):
     fell: float
 
 
-@dataclass(frozen=True)
-class BenefitRow:
-    """Figures of one robot and way: medians with intervals; `ratio`: peak over hindsight's of the same landing."""
-
-    robot: str
-    way: str
-    runs: int
-    peak_m_s2: tuple[float, float, float]
-    ratio: tuple[float, float, float]
-    rebounds: tuple[float, float, float]
-    rest_s: tuple[float, float, float]
-    slid_m: tuple[float, float, float]
-    absorbed_j: tuple[float, float, float]
-    sunk_m: tuple[float, float, float]
-    falls: tuple[float, float, float]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it for machines; NaN becomes None."""
-        return {
-            name: None if isinstance(value, tuple) and any(map(math.isnan, value)) else value
-            for name, value in dataclasses.asdict(self).items()
-        }
+Landings = list[Measured | None]
+"""By landing; None where the simulation blew up."""
 
 
 def draw(robot: str, seed: int, *, held_out: bool) -> RobotOptions:
@@ -226,77 +205,58 @@ def _rebounds(stands: Any) -> int:
     )
 
 
-class Task(NamedTuple):
-    """One landing in one way."""
-
-    robot: str
-    options: RobotOptions
-    way: str
-    vacuum_pa: float = 0.0
-
-
-def _do(task: Task) -> Measured | None:
-    return measure(*task)
-
-
 def benefit(
     seed: int, runs: int, jobs: int, on_progress: Callable[[float, str], None], robots: Sequence[str] = tuple(FEET)
-) -> list[BenefitRow]:
-    """Measure every robot and way on the same `runs` held-out landings; a quarter as many choose the fixed vacuum."""
-    rows: list[BenefitRow] = []
-    with ProcessPoolExecutor(jobs) as pool:
-        for number, robot in enumerate(robots):
-            on_progress(number / len(robots), f"{robot}: tuning")
-            tuning = [draw(robot, 1000 * seed + index, held_out=False) for index in range(max(runs // 4, 1))]
-            tasks = [Task(robot, each, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA for each in tuning]
-            tried = np.array([each.peak_m_s2 if each else np.nan for each in pool.map(_do, tasks)])
-            means = np.nanmean(np.log(tried).reshape(len(VACUUMS_PA), -1), axis=1)
-            best_pa = VACUUMS_PA[int(np.argmin(means))]
-            on_progress((number + 0.3) / len(robots), f"{robot}: held out, fixed at {best_pa * 1e-3:.0f} kPa")
-            landings = [draw(robot, 1000 * seed + index, held_out=True) for index in range(runs)]
-            fixed = [Task(robot, each, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA for each in landings]
-            others = [Task(robot, each, way) for way in (AUTO, BLIND, SOFT, JAMMED, RIGID) for each in landings]
-            rows += _rows(robot, runs, best_pa, list(pool.map(_do, [*fixed, *others])))
-    return rows
+) -> list[dict[str, Any]]:
+    """Measure every robot and way on the same `runs` held-out landings; a quarter as many choose the fixed vacuum.
 
+    Returns:
+        A row per robot and way: how many landings, and medians with intervals by name, or None where there are none;
+        `ratio` is the peak over hindsight's of the same landing.
 
-def _rows(robot: str, runs: int, best_pa: float, done: list[Measured | None]) -> list[BenefitRow]:
-    at = {vacuum_pa: done[runs * index :][:runs] for index, vacuum_pa in enumerate(VACUUMS_PA)}
-    by_way = {
-        way: done[runs * (len(VACUUMS_PA) + index) :][:runs]
-        for index, way in enumerate((AUTO, BLIND, SOFT, JAMMED, RIGID))
-    }
-    by_way[FIXED] = at[best_pa]
-    by_way[HINDSIGHT] = [
-        min((each for each in tries if each is not None), key=lambda each: each.peak_m_s2, default=None)
-        for tries in zip(*at.values(), strict=True)
-    ]
-    whole = [index for index in range(runs) if all(by_way[way][index] is not None for way in WAYS)]
+    """
     rows = []
-    for way in WAYS:
-        chosen = [each for index in whole if (each := by_way[way][index]) is not None]
-        best = [each for index in whole if (each := by_way[HINDSIGHT][index]) is not None]
-        columns = [list(column) for column in zip(*chosen, strict=True)] or [[] for _ in Measured._fields]
-        peaks, *middle, fell = columns
-        ratios = [peak / each.peak_m_s2 for peak, each in zip(peaks, best, strict=True)]
-        name = f"{way}, {best_pa * 1e-3:.0f} kPa" if way == FIXED else way
-        rebounds, rest_s, slid_m, absorbed_j, sunk_m = (median_with_interval(column) for column in middle)
-        rows.append(
-            BenefitRow(
-                robot,
-                name,
-                len(chosen),
-                median_with_interval(peaks),
-                median_with_interval(ratios),
-                rebounds,
-                rest_s,
-                slid_m,
-                absorbed_j,
-                sunk_m,
-                wilson(round(sum(fell)), len(fell)),
-            )
-        )
+    for number, robot in enumerate(robots):
+
+        def landed(landings: list[RobotOptions], way: str, vacuum_pa: float = 0.0, robot: str = robot) -> Landings:
+            work = (joblib.delayed(measure)(robot, each, way, vacuum_pa) for each in landings)
+            return list(joblib.Parallel(n_jobs=jobs)(work))
+
+        on_progress(number / len(robots), f"{robot}: tuning")
+        tuning = [draw(robot, 1000 * seed + index, held_out=False) for index in range(max(runs // 4, 1))]
+        tried = [[each.peak_m_s2 if each else np.nan for each in landed(tuning, FIXED, pa)] for pa in VACUUMS_PA]
+        best_pa = VACUUMS_PA[int(np.argmin(np.nanmean(np.log(tried), axis=1)))]
+        on_progress((number + 0.3) / len(robots), f"{robot}: held out, fixed at {best_pa * 1e-3:.0f} kPa")
+        landings = [draw(robot, 1000 * seed + index, held_out=True) for index in range(runs)]
+        at = {vacuum_pa: landed(landings, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA}
+        by_way = {way: landed(landings, way) for way in WAYS if way not in {FIXED, HINDSIGHT}}
+        by_way[FIXED] = at[best_pa]
+        by_way[HINDSIGHT] = [
+            min((each for each in tries if each is not None), key=lambda each: each.peak_m_s2, default=None)
+            for tries in zip(*at.values(), strict=True)
+        ]
+        rows += [
+            {"robot": robot, "way": f"{way}, {best_pa * 1e-3:.0f} kPa" if way == FIXED else way, **figures}
+            for way, figures in _figures(by_way).items()
+        ]
     return rows
+
+
+def _figures(by_way: dict[str, Landings]) -> dict[str, dict[str, Any]]:
+    """Return the figures of each way on the landings that no way blew up on."""
+    whole = [tries for tries in zip(*(by_way[way] for way in WAYS), strict=True) if all(tries)]
+    best_m_s2 = [each.peak_m_s2 for *_, each in whole]
+    found = {}
+    for way, landed in zip(WAYS, zip(*whole, strict=True) if whole else ((),) * len(WAYS), strict=True):
+        columns = {name: [getattr(each, name) for each in landed] for name in Measured._fields}
+        peaks, fell = columns.pop("peak_m_s2"), columns.pop("fell")
+        columns = {"peak_m_s2": peaks, "ratio": [p / best for p, best in zip(peaks, best_m_s2, strict=True)], **columns}
+        figures = {name: median_with_interval(column) for name, column in columns.items()}
+        figures["falls"] = wilson(round(sum(fell)), len(fell))
+        found[way] = {"runs": len(landed)} | {
+            name: None if any(map(math.isnan, figure)) else figure for name, figure in figures.items()
+        }
+    return found
 
 
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
@@ -314,11 +274,12 @@ def main(
     with progress_bar("benefit") as update:
         rows = benefit(seed, runs, jobs, update, robot or tuple(FEET))
     output.parent.mkdir(parents=True, exist_ok=True)
-    write_json(output, {"rows": [row.as_dict() for row in rows]})
+    write_json(output, {"rows": rows})
     screen = console()
     for row in rows:
-        figures = (f"{value:.3g} ({low:.3g} to {high:.3g})" for value, low, high in dataclasses.astuple(row)[3:])
-        screen.print(f"{row.robot} | {row.way} | {row.runs} | " + " | ".join(figures))
+        words, figures = list(row.values())[:3], list(row.values())[3:]
+        cells = ("-" if each is None else "{:.3g} ({:.3g} to {:.3g})".format(*each) for each in figures)
+        screen.print(" | ".join([*map(str, words), *cells]))
     return 0
 
 

@@ -45,14 +45,12 @@ class Slide:
 class LabelledRecording:
     """A stretch of motion as an IMU felt it, and what really happened; times in s on the IMU's clock."""
 
-    name: str
     mount: str
     """Where the IMU was: a value of `Mount`."""
     samples: list[ImuSample]
     touchdowns_s: tuple[float, ...]
     liftoffs_s: tuple[float, ...]
     slides: tuple[Slide, ...]
-    duration_s: float
     touches_s: tuple[float, ...] = ()
     """Every time that the foot met the ground: touch-downs, rebounds, and grazes of a foot that swings."""
     legs: list[tuple[int, LegReading]] = field(default_factory=list)
@@ -67,10 +65,6 @@ class LabelledRecording:
     """Of a body: the recording of each foot, whose leg is read."""
     leaves_s: tuple[float, ...] = ()
     """Every time that the foot lost touch: lift-offs, rebounds, and the ends of grazes."""
-    phase: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-    """Times, s, and gait phase, 0 at touch-down to 1, where the robot has a gait."""
-    facts: dict[str, float] = field(default_factory=dict)
-    """What was drawn, by name with unit."""
 
     def ankle_readings(self) -> list[tuple[int, AnkleReading]]:
         """Return what the controller reads of the ankle, with stamps, ns, where its joints are measured."""
@@ -145,15 +139,8 @@ def draw_imu(chance: np.random.Generator, *, wide: bool = False) -> Imu:
     )
 
 
-def sense(
-    force: NDArray[np.float64], rate: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.random.Generator
-) -> list[ImuSample]:
-    """Read true specific force, m/s^2, and angular velocity, rad/s, both n x 3 at `fine_hz`, with an IMU."""
-    return read_with(np.hstack([force, rate]), fine_hz, imu, chance)
-
-
 def read_with(motion: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.random.Generator) -> list[ImuSample]:
-    """Read a true motion, specific force and angular velocity in one table of shape (n, 6), as `sense` does."""
+    """Read a true motion, specific force, m/s^2, and angular velocity, rad/s, shape (n, 6) at `fine_hz`."""
     true = np.hstack([motion[:, :3] @ imu.turn.T, motion[:, 3:] @ imu.turn.T])
     b, a = butter(2, min(0.99, imu.bandwidth_hz / (0.5 * fine_hz)))
     start = lfilter_zi(b, a)[:, None] * true[0]
@@ -174,39 +161,29 @@ def read_with(motion: NDArray[np.float64], fine_hz: float, imu: Imu, chance: np.
     return [ImuSample(round(at_s * NANOSECONDS_PER_SECOND), *row) for at_s, row in rows]
 
 
-@dataclass(frozen=True)
-class Drives:
-    """The drives of a leg as they are read: hip and knee. All assumed: encoders of 12 bits, currents for torques."""
-
-    rate_hz: float = 100.0
-    """As joint_states of our robots."""
-    angle_noise_rad: float = 0.0005
-    rate_noise_rad_s: float = 0.02
-    effort_noise_n_m: float = 0.05
-    gain_spread: float = 0.05
-    """Standard deviation of the ratio of measured to applied torque, drawn for each drive."""
-    offset_n_m: float = 0.05
-    """Standard deviation of what a drive reports at rest: friction of its gear."""
+DRIVE_RATE_HZ = 100.0
+"""At which the drives of hip and knee are read, as joint_states of our robots."""
+ANGLE_NOISE_RAD, ANGLE_RATE_NOISE_RAD_S, EFFORT_NOISE_N_M = 0.0005, 0.02, 0.05
+"""Of a drive. Assumed, as all of it: encoders of 12 bits, currents for torques."""
+GAIN_SPREAD = 0.05
+"""Standard deviation of the ratio of measured to applied torque, drawn for each drive."""
+EFFORT_OFFSET_N_M = 0.05
+"""Standard deviation of what a drive reports at rest: friction of its gear."""
 
 
-def read_leg(
-    leg: NDArray[np.float64], fine_hz: float, drives: Drives, chance: np.random.Generator
-) -> list[tuple[int, LegReading]]:
+def read_leg(leg: NDArray[np.float64], fine_hz: float, chance: np.random.Generator) -> list[tuple[int, LegReading]]:
     """Read true angles, rates and efforts of hip and knee, shape (n, 6) at `fine_hz`, with its drives."""
-    rows = leg[round(fine_hz / drives.rate_hz) - 1 :: round(fine_hz / drives.rate_hz)].copy()
-    times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / drives.rate_hz - 1.0 / fine_hz
-    rows[:, 4:] *= chance.normal(1.0, drives.gain_spread, 2)
-    rows[:, 4:] += chance.normal(0.0, drives.offset_n_m, 2)
-    spreads = (drives.angle_noise_rad, drives.rate_noise_rad_s, drives.effort_noise_n_m)
+    rows, stamps = _read_at(leg, fine_hz, DRIVE_RATE_HZ)
+    rows[:, 4:] *= chance.normal(1.0, GAIN_SPREAD, 2)
+    rows[:, 4:] += chance.normal(0.0, EFFORT_OFFSET_N_M, 2)
+    spreads = (ANGLE_NOISE_RAD, ANGLE_RATE_NOISE_RAD_S, EFFORT_NOISE_N_M)
     rows += chance.normal(0.0, np.repeat(spreads, 2), rows.shape)
-    stamps = np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
     return [(stamp, LegReading(*row)) for stamp, row in zip(stamps, rows.tolist(), strict=True)]
 
 
 def read_pose(
     pose: NDArray[np.float64],
     fine_hz: float,
-    drives: Drives,
     legs: list[tuple[int, LegReading]],
     chance: np.random.Generator,
 ) -> list[tuple[int, LegPose]]:
@@ -214,49 +191,41 @@ def read_pose(
 
     Hip and knee are as those readings have them; all encoders are alike.
     """
-    rows = pose[round(fine_hz / drives.rate_hz) - 1 :: round(fine_hz / drives.rate_hz)].copy()
-    rows += chance.normal(0.0, np.repeat((drives.angle_noise_rad, drives.rate_noise_rad_s), 6), rows.shape)
+    rows, stamps = _read_at(pose, fine_hz, DRIVE_RATE_HZ)
+    rows += chance.normal(0.0, np.repeat((ANGLE_NOISE_RAD, ANGLE_RATE_NOISE_RAD_S), 6), rows.shape)
     rows[:, [1, 2, 7, 8]] = [reading[:4] for _, reading in legs]
-    return [(stamp, LegPose(*row)) for (stamp, _), row in zip(legs, rows.tolist(), strict=True)]
+    return [(stamp, LegPose(*row)) for stamp, row in zip(stamps, rows.tolist(), strict=True)]
 
 
-@dataclass(frozen=True)
-class Estimator:
-    """What a legged robot's state estimator reports of its body. All assumed.
-
-    Noise and drift are of the size that estimators from legs and IMU are known to leave in the velocity, some
-    centimetres a second (Bloesch et al., IROS 2013; Camurri et al., RA-L 2(2), 2017). That a real one believes in feet
-    that stand, and so errs by a share of the slide itself, is left out.
-    """
-
-    rate_hz: float = 100.0
-    noise_m_s: float = 0.03
-    """White, per axis."""
-    drift_m_s: float = 0.025
-    """Standard deviation, per axis, of an error that goes on for `drift_time_s` (Ornstein and Uhlenbeck)."""
-    drift_time_s: float = 2.0
-    turning_noise_rad_s: float = 0.01
-    latency_s: float = 0.01
+ODOMETRY_RATE_HZ = 100.0
+SPEED_NOISE_M_S, SPEED_DRIFT_M_S, DRIFT_TIME_S = 0.03, 0.025, 2.0
+"""What a legged robot's state estimator errs by, per axis: white noise, and an error that goes on for a while (standard
+deviation; Ornstein and Uhlenbeck). Assumed, as all of it, of the size that estimators from legs and IMU are known to
+leave in the velocity, some centimetres a second (Bloesch et al., IROS 2013; Camurri et al., RA-L 2(2), 2017). That a
+real one believes in feet that stand, and so errs by a share of the slide itself, is left out."""
+TURNING_NOISE_RAD_S, ODOMETRY_LATENCY_S = 0.01, 0.01
 
 
-def read_body(
-    twist: NDArray[np.float64], fine_hz: float, estimator: Estimator, chance: np.random.Generator
-) -> list[tuple[int, BodyTwist]]:
+def read_body(twist: NDArray[np.float64], fine_hz: float, chance: np.random.Generator) -> list[tuple[int, BodyTwist]]:
     """Read a true twist, shape (n, 6) at `fine_hz`, as an odometry has it: times of arrival, ns, and its reports."""
-    rows = twist[round(fine_hz / estimator.rate_hz) - 1 :: round(fine_hz / estimator.rate_hz)].copy()
-    times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / estimator.rate_hz - 1.0 / fine_hz
-    kept = np.exp(-1.0 / (estimator.rate_hz * estimator.drift_time_s))
-    steps = chance.normal(0.0, estimator.drift_m_s, (len(rows), 3))
+    rows, stamps = _read_at(twist, fine_hz, ODOMETRY_RATE_HZ)
+    kept = np.exp(-1.0 / (ODOMETRY_RATE_HZ * DRIFT_TIME_S))
+    steps = chance.normal(0.0, SPEED_DRIFT_M_S, (len(rows), 3))
     steps[1:] *= np.sqrt(1.0 - kept**2)
     rows[:, :3] += lfilter([1.0], [1.0, -kept], steps, axis=0)
-    spreads = (estimator.noise_m_s, estimator.turning_noise_rad_s)
-    rows += chance.normal(0.0, np.repeat(spreads, 3), rows.shape)
-    late_ns = round(estimator.latency_s * NANOSECONDS_PER_SECOND)
-    stamps = np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
+    rows += chance.normal(0.0, np.repeat((SPEED_NOISE_M_S, TURNING_NOISE_RAD_S), 3), rows.shape)
+    late_ns = round(ODOMETRY_LATENCY_S * NANOSECONDS_PER_SECOND)
     return [
         (stamp + late_ns, BodyTwist(stamp, (x, y, z), (p, q, r)))
         for stamp, (x, y, z, p, q, r) in zip(stamps, rows.tolist(), strict=True)
     ]
+
+
+def _read_at(true: NDArray[np.float64], fine_hz: float, rate_hz: float) -> tuple[NDArray[np.float64], list[int]]:
+    """Return the rows that are read at a rate, and their stamps, ns."""
+    rows = true[round(fine_hz / rate_hz) - 1 :: round(fine_hz / rate_hz)].copy()
+    times_s = CLOCK_START_S + np.arange(1, len(rows) + 1) / rate_hz - 1.0 / fine_hz
+    return rows, np.round(times_s * NANOSECONDS_PER_SECOND).astype(int).tolist()
 
 
 CLOCK_START_S = 1.0
@@ -268,6 +237,8 @@ _LINK_M = 0.21
 FLAT_SHARE = 0.5
 """Of the legs that have an ankle and a foot; the others end in a ball."""
 STRIDES_AT_ONCE = 5
+SLIP_SHARE = 0.35
+"""Of the stances in which the foot slides."""
 AT_ONCE_SHARE, BACK_SHARE = 0.4, 0.7
 """Of the slides that begin with the touch-down, and that go back."""
 SLIDE_MIN_S = 0.04
@@ -288,7 +259,8 @@ class _Track:
     liftoffs: list[int] = field(default_factory=list)
     slides: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
     """Index of the begin, and way, m, from there."""
-    phase: list[NDArray[np.float64]] = field(default_factory=list)
+    walks: list[NDArray[np.float64]] = field(default_factory=list)
+    """1 in a stride, 0 as it rests."""
 
     @property
     def count(self) -> int:
@@ -308,7 +280,6 @@ class Gait:
     """Share of a cubic in the lift, which ends with a speed: how fast the foot comes down."""
     flat: bool
     """Whether there is a foot that stands flat below an ankle, or a ball at the end of the shank."""
-    slip_share: float
     vibration_m_s2: float
     slope_rad: float
 
@@ -322,7 +293,6 @@ def draw_gait(chance: np.random.Generator, *, wide: bool) -> Gait:
         lift_m=chance.uniform(0.03, 0.10) if not wide else chance.uniform(0.025, 0.13),
         hardness=chance.uniform(0.05, 0.7),
         flat=bool(chance.random() < FLAT_SHARE),
-        slip_share=0.35,
         vibration_m_s2=10.0 ** chance.uniform(-1.0, 0.5),
         slope_rad=math.radians(chance.uniform(0.0, 20.0) if not wide else chance.uniform(0.0, 35.0)),
     )
@@ -347,7 +317,7 @@ def walk(seed: int, mount: str, strides: int, *, wide: bool = False) -> Labelled
         if index % STRIDES_AT_ONCE == STRIDES_AT_ONCE - 1:
             _stand(track, chance.uniform(0.3, 1.0))
     _stand(track, 0.5)
-    return _felt(f"walk {seed}", track, gait, mount, chance, wide=wide)
+    return _felt(track, gait, mount, chance, wide=wide)
 
 
 def _stand(track: _Track, lasts_s: float) -> None:
@@ -357,7 +327,7 @@ def _stand(track: _Track, lasts_s: float) -> None:
     track.foot_z.append(np.zeros(count))
     track.pitch.append(np.zeros(count))
     track.stands.append(np.ones(count, dtype=bool))
-    track.phase.append(np.full(count, np.nan))
+    track.walks.append(np.zeros(count))
 
 
 def _stride(track: _Track, gait: Gait, chance: np.random.Generator) -> None:
@@ -376,17 +346,17 @@ def _stride(track: _Track, gait: Gait, chance: np.random.Generator) -> None:
     pitch_amplitude = chance.uniform(0.1, 0.6) if gait.flat else 0.0
     track.pitch.append(pitch_amplitude * np.sin(math.pi * share) ** 2 * np.sin(2.0 * math.pi * share + 0.3))
     track.stands.append(np.zeros(swing, dtype=bool))
-    track.phase.append(gait.stance_share + (1.0 - gait.stance_share) * share)
+    track.walks.append(np.ones(swing))
     speed = 6.75 * hardness * gait.lift_m / (swing / FINE_HZ)
     track.touchdowns.append((begin + swing, max(0.05, speed)))
     x = np.full(stance, track.foot_x[-1][-1])
-    if chance.uniform() < gait.slip_share:
+    if chance.uniform() < SLIP_SHARE:
         _slide(track, x, begin + swing, chance)
     track.foot_x.append(x)
     track.foot_z.append(np.zeros(stance))
     track.pitch.append(np.zeros(stance))
     track.stands.append(np.ones(stance, dtype=bool))
-    track.phase.append(gait.stance_share * np.linspace(0.0, 1.0, stance))
+    track.walks.append(np.ones(stance))
 
 
 def _slide(track: _Track, x: NDArray[np.float64], begin: int, chance: np.random.Generator) -> None:
@@ -411,16 +381,14 @@ def _slide(track: _Track, x: NDArray[np.float64], begin: int, chance: np.random.
     track.slides.append((begin + first, way[first:]))
 
 
-def _felt(
-    name: str, track: _Track, gait: Gait, mount: str, chance: np.random.Generator, *, wide: bool
-) -> LabelledRecording:
+def _felt(track: _Track, gait: Gait, mount: str, chance: np.random.Generator, *, wide: bool) -> LabelledRecording:
     foot_x, foot_z = np.concatenate(track.foot_x), np.concatenate(track.foot_z)
     pitch, stands = np.concatenate(track.pitch), np.concatenate(track.stands)
     count = len(foot_x)
     time_s = np.arange(count) / FINE_HZ
     # The body follows the mean way of the foot, and heaves; over a stand it rests.
     body_x = gaussian_filter1d(foot_x, 0.35 * gait.stride_s * FINE_HZ, mode="nearest")
-    walks = gaussian_filter1d((~np.isnan(np.concatenate(track.phase))).astype(float), 0.1 * FINE_HZ)
+    walks = gaussian_filter1d(np.concatenate(track.walks), 0.1 * FINE_HZ)
     heave_m_s2 = chance.uniform(0.5, 5.0)
     heave_rad_s = 2.0 * math.pi * 2.0 / gait.stride_s
     sway = chance.uniform(0.0, 0.01) * np.sin(2.0 * math.pi * chance.uniform(0.5, 3.0) * time_s + chance.uniform(0, 6))
@@ -442,7 +410,7 @@ def _felt(
     force[:, 0] = np.clip(ax, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.sin(gait.slope_rad)
     force[:, 2] = np.clip(az, -limit, limit) + STANDARD_GRAVITY_M_S2 * math.cos(gait.slope_rad)
     _soften_corners(force, track, ax, az)
-    _add_blows(force, track, gait, mount, chance, count)
+    _add_blows(force, track, gait, mount, chance)
     _add_vibration(force, stands, gait, mount, chance)
     cos, sin = np.cos(angle), np.sin(angle)
     x, z = force[:, 0].copy(), force[:, 2].copy()
@@ -450,20 +418,14 @@ def _felt(
     force[:, 0], force[:, 2] = cos * x - sin * z, sin * x + cos * z
     rate = np.zeros((count, 3))
     rate[:, 1] = np.gradient(gaussian_filter1d(angle, smooth, mode="nearest")) * FINE_HZ
-    rate += _band(chance, count, 20.0, 120.0)[:, None] * 0.05 * gait.vibration_m_s2
-    samples = sense(force, rate, FINE_HZ, draw_imu(chance, wide=wide), chance)
-    phase = np.concatenate(track.phase)
-    every = round(FINE_HZ / 100.0)
+    rate += band_noise(chance, count, FINE_HZ, 20.0, 120.0)[:, None] * 0.05 * gait.vibration_m_s2
+    samples = read_with(np.hstack([force, rate]), FINE_HZ, draw_imu(chance, wide=wide), chance)
     return LabelledRecording(
-        name=name,
         mount=mount,
         samples=samples,
         touchdowns_s=tuple(CLOCK_START_S + index / FINE_HZ for index, _ in track.touchdowns),
         liftoffs_s=tuple(CLOCK_START_S + index / FINE_HZ for index in track.liftoffs),
         slides=tuple(_slide_of(begin, way) for begin, way in track.slides),
-        duration_s=count / FINE_HZ,
-        phase=(CLOCK_START_S + time_s[::every], phase[::every]),
-        facts={"stride_s": gait.stride_s, "stance_share": gait.stance_share, "speed_m_s": gait.speed_m_s},
     )
 
 
@@ -509,48 +471,35 @@ def _soften_corners(
             force[after, axis] -= made[after]
 
 
-def _add_blows(
-    force: NDArray[np.float64], track: _Track, gait: Gait, mount: str, chance: np.random.Generator, count: int
-) -> None:
+def _add_blows(force: NDArray[np.float64], track: _Track, gait: Gait, mount: str, chance: np.random.Generator) -> None:
     passed = {"foot": 1.0, "shank": chance.uniform(0.3, 0.7), "body": chance.uniform(0.04, 0.15)}[mount]
     ring_hz, decay_s = chance.uniform(25.0, 90.0), chance.uniform(0.005, 0.025)
     contact_s = chance.uniform(0.003, 0.012) * (2.0 if mount == "body" else 1.0)
+
+    def blow(index: int, speed: float, lasts_s: float = contact_s) -> None:
+        last = min(len(force), index + round(0.15 * FINE_HZ))
+        if index >= last:
+            return
+        time_s = np.arange(last - index) / FINE_HZ
+        peak = 0.5 * math.pi * speed / lasts_s
+        pulse = np.where(time_s < lasts_s, peak * np.sin(math.pi * time_s / lasts_s), 0.0)
+        ring = chance.uniform(0.1, 0.5) * peak * np.exp(-time_s / decay_s) * np.sin(2.0 * math.pi * ring_hz * time_s)
+        way = np.array([chance.normal(0.0, 0.35), chance.normal(0.0, 0.2), 1.0])
+        way /= np.linalg.norm(way)
+        force[index:last] += pulse[:, None] * way
+        force[index:last] += ring[:, None] * (way + chance.normal(0.0, 0.3, 3))
+
     others = [(index + round(0.5 * gait.stride_s * FINE_HZ), speed) for index, speed in track.touchdowns]
-    blows = [(i, v, 1.0) for i, v in track.touchdowns] + [
-        (i, v, 1.0 if mount == "body" else chance.uniform(0.03, 0.25)) for i, v in others
-    ]
-    for index, speed, share in blows:
-        _add_blow(force, index, passed * share * speed, contact_s, ring_hz, decay_s, chance, count)
+    shares = [1.0 if mount == "body" else chance.uniform(0.03, 0.25) for _ in others]
+    for (index, speed), share in zip([*track.touchdowns, *others], [1.0] * len(others) + shares, strict=True):
+        blow(index, passed * share * speed)
     for (index, speed), lifted in zip(track.touchdowns, track.liftoffs, strict=True):
         # Joints that reverse, cables that strike, feet that scrape: jolts of a swing and of a stance.
         for _ in range(int(chance.integers(0, 3))):
             at = int(chance.uniform(lifted, index + (index - lifted)))
-            _add_blow(force, at, 0.25 * passed * speed * chance.uniform(), contact_s, ring_hz, decay_s, chance, count)
+            blow(at, 0.25 * passed * speed * chance.uniform())
     for index in track.liftoffs:
-        _add_blow(force, index, -0.1 * passed * chance.uniform(0.2, 2.0), 0.015, ring_hz, decay_s, chance, count)
-
-
-def _add_blow(
-    force: NDArray[np.float64],
-    index: int,
-    speed: float,
-    contact_s: float,
-    ring_hz: float,
-    decay_s: float,
-    chance: np.random.Generator,
-    count: int,
-) -> None:
-    last = min(count, index + round(0.15 * FINE_HZ))
-    if index >= last:
-        return
-    time_s = np.arange(last - index) / FINE_HZ
-    peak = 0.5 * math.pi * speed / contact_s
-    pulse = np.where(time_s < contact_s, peak * np.sin(math.pi * time_s / contact_s), 0.0)
-    ring = chance.uniform(0.1, 0.5) * peak * np.exp(-time_s / decay_s) * np.sin(2.0 * math.pi * ring_hz * time_s)
-    way = np.array([chance.normal(0.0, 0.35), chance.normal(0.0, 0.2), 1.0])
-    way /= np.linalg.norm(way)
-    force[index:last] += pulse[:, None] * way
-    force[index:last] += ring[:, None] * (way + chance.normal(0.0, 0.3, 3))
+        blow(index, -0.1 * passed * chance.uniform(0.2, 2.0), 0.015)
 
 
 def _add_vibration(
@@ -559,11 +508,14 @@ def _add_vibration(
     moving = gaussian_filter1d((~stands).astype(float), 0.03 * FINE_HZ)
     quiet = chance.uniform(0.1, 0.5) if mount == "foot" else chance.uniform(0.3, 0.8)
     for axis in range(3):
-        noise = _band(chance, len(force), 25.0, 150.0)
+        noise = band_noise(chance, len(force), FINE_HZ, 25.0, 150.0)
         force[:, axis] += gait.vibration_m_s2 * noise * (quiet + (1.0 - quiet) * moving)
 
 
-def _band(chance: np.random.Generator, count: int, low_hz: float, high_hz: float) -> NDArray[np.float64]:
-    b, a = butter(2, [low_hz / (0.5 * FINE_HZ), high_hz / (0.5 * FINE_HZ)], btype="band")
+def band_noise(
+    chance: np.random.Generator, count: int, rate_hz: float, low_hz: float, high_hz: float
+) -> NDArray[np.float64]:
+    """Draw noise of a band, with a root mean square of 1, shape (count,) at `rate_hz`."""
+    b, a = butter(2, [low_hz / (0.5 * rate_hz), high_hz / (0.5 * rate_hz)], btype="band")
     noise = lfilter(b, a, chance.normal(size=count))
     return np.asarray(noise / (np.std(noise) + 1e-12))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from functools import partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CHANNELS, JAM_COMMAND, JOINT_STATES
@@ -28,12 +28,13 @@ from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_sim.parameters import RobotParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from jammkle_controller.core.controller import Reaction
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.parameters import ControllerParameters
+    from jammkle_sim.rigs.simulation import Ankle, BaseSample
 
 STATE_PERIOD_S = 0.01
 """Time between two readings of pressures, joints and the gait's plan, s, as on the graph of a robot."""
@@ -41,83 +42,6 @@ DRIVER_STATE_PERIOD_S = 1.0
 """How often jam_state is repeated, s."""
 ROBOT_TICK_RATE_HZ = RobotParameters().clock_rate_hz
 """Ticks of /clock per second in the graph of a robot; in that of a rig there is one for each sample."""
-
-
-class ImuReading(Protocol):
-    """What an IMU of the simulation gives."""
-
-    @property
-    def specific_force_m_s2(self) -> tuple[float, float, float]:
-        """Specific force, m/s^2."""
-
-    @property
-    def angular_velocity_rad_s(self) -> tuple[float, float, float]:
-        """Angular velocity, rad/s."""
-
-
-class SimulatedAnkle(Protocol):
-    """An ankle of a simulation: a rig's, or one of a robot's."""
-
-    def imu(self) -> ImuReading:
-        """Return the latest reading."""
-
-    def channel_pressures_pa(self) -> Mapping[str, float]:
-        """Return the absolute pressure per channel, Pa."""
-
-    def manifold_pressure_pa(self) -> float:
-        """Return the absolute pressure in the manifold, Pa."""
-
-    def joint_positions(self) -> Mapping[str, float]:
-        """Return angles, rad, and slides, m."""
-
-    def set_pump_duty(self, duty: float) -> None:
-        """Set the pump's duty, 0 to 1."""
-
-    def set_solenoid(self, channel: str, energised: bool) -> None:  # noqa: FBT001 - the state of a coil, as Bool is
-        """Energise or release a channel's solenoid."""
-
-
-class BodyMotion(Protocol):
-    """How the body of a robot moves."""
-
-    @property
-    def linear_m_s(self) -> tuple[float, float, float]:
-        """Velocity of its origin, m/s, in its own frame."""
-
-    @property
-    def angular_rad_s(self) -> tuple[float, float, float]:
-        """Angular velocity, rad/s, in its own frame."""
-
-
-class PlannedStep(Protocol):
-    """What a gait plans of one foot now."""
-
-    @property
-    def bears(self) -> bool:
-        """Whether it has the foot on the ground."""
-
-    @property
-    def phase(self) -> float | None:
-        """From 0 at touch-down to 1 at the next; None: it has not begun to step."""
-
-
-@runtime_checkable
-class WithEfforts(Protocol):
-    """An ankle of a robot, whose leg has servos."""
-
-    def joint_velocities(self) -> Mapping[str, float]:
-        """Return rates, rad/s and m/s."""
-
-    def joint_efforts(self) -> Mapping[str, float]:
-        """Return efforts of the servos, N m and N."""
-
-
-@runtime_checkable
-class WithPlan(Protocol):
-    """An ankle of a robot, which may walk."""
-
-    def plan(self) -> PlannedStep | None:
-        """Return what the gait plans of the foot; None: there is no gait."""
 
 
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process", simulated=True)
@@ -141,10 +65,10 @@ class AnkleLoop:
 
     def __init__(
         self,
-        ankle: SimulatedAnkle,
+        ankle: Ankle,
         controller: ControllerParameters,
         driver: DriverParameters | None = None,
-        body: Callable[[], BodyMotion] | None = None,
+        body: Callable[[], BaseSample] | None = None,
         leg: Leg | None = None,
         tick_rate_hz: int = ROBOT_TICK_RATE_HZ,
     ) -> None:
@@ -185,12 +109,6 @@ class AnkleLoop:
         self.driver.activate(now)
         self._settle(now, 0)
 
-    def sample(self, time_s: float) -> ImuSample:
-        """Return the IMU's reading as a sample of this time, s."""
-        reading = self.ankle.imu()
-        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
-        return ImuSample(time_ns, *reading.specific_force_m_s2, *reading.angular_velocity_rad_s)
-
     def step(self, time_s: float) -> ImuSample:
         """Feel at a time, s, which must rise, and drive if /clock ticks then; return what the IMU read."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
@@ -202,9 +120,10 @@ class AnkleLoop:
             self._acknowledged_lately = False
             pressures = {MANIFOLD: self.ankle.manifold_pressure_pa(), **self.ankle.channel_pressures_pa()}
             self._measured.append((time_ns, pressures))
-        sample = self.sample(time_s)
+        reading = self.ankle.imu()
+        sample = ImuSample(time_ns, *reading.specific_force_m_s2, *reading.angular_velocity_rad_s)
         self._sensed.append(partial(self.controller.update, sample))
-        if states and self._body is not None and isinstance(self.ankle, WithEfforts):
+        if states and self._body is not None:
             moves = self._body()
             twist = BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)
             self._sensed.append(partial(self.controller.on_odometry, twist, time_ns))
@@ -286,7 +205,7 @@ class AnkleLoop:
     def _reported(self, time_ns: int) -> list[Callable[[], Reaction | None]]:
         """Return what takes the reports of joints and gait, in the order of the graph."""
         received = received_in(self._joint_states(time_ns), JOINT_STATES, time_ns, self._parameters, self._leg)
-        planned = self.ankle.plan() if isinstance(self.ankle, WithPlan) else None
+        planned = self.ankle.plan()
         if planned is not None:
             received.append(Received(time_ns, Input.PLANNED_CONTACT, float(planned.bears)))
             if planned.phase is not None:
@@ -295,20 +214,16 @@ class AnkleLoop:
 
     def _joint_states(self, time_ns: int) -> SimpleNamespace:
         """Return what the simulation publishes of the joints."""
-        positions = self.ankle.joint_positions()
+        positions, rates = self.ankle.joint_positions(), self.ankle.joint_velocities()
+        efforts = self.ankle.joint_efforts()
         seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
-        message = SimpleNamespace(
+        return SimpleNamespace(
             header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds)),
             name=[*positions],
             position=[*positions.values()],
-            velocity=[],
-            effort=[],
+            velocity=[rates.get(joint, 0.0) for joint in positions],
+            effort=[] if efforts is None else [efforts.get(joint, 0.0) for joint in positions],
         )
-        if isinstance(self.ankle, WithEfforts):
-            rates, efforts = self.ankle.joint_velocities(), self.ankle.joint_efforts()
-            message.velocity = [rates.get(joint, 0.0) for joint in positions]
-            message.effort = [efforts.get(joint, 0.0) for joint in positions]
-        return message
 
 
 def _instant(time_ns: int) -> Instant:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -27,15 +26,13 @@ from studies.contact.trial import (
     WITH_ODOMETRY,
     Outcome,
     best_settings,
+    finite,
     median_with_interval,
     pooled,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from studies.contact.benefit import BenefitRow
-    from studies.contact.trial import Score
 
 AIMS = {
     "impact": "recall and precision 0.995, median delay under 3 ms",
@@ -45,7 +42,7 @@ AIMS = {
 MS, MM = 1e3, 1e3
 
 
-def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
+def results(outcome: Outcome, benefit: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return all figures for machines, and for the page."""
     rows = []
     for part, sources in SOURCES.items():
@@ -63,17 +60,19 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
                     *(way for way in more if kind == "slip" or way != WITH_ODOMETRY),
                     *(best[kind, name] for each, name in best if each == kind),
                 )
-                rows += [
-                    _row(
-                        part,
-                        source or "all",
-                        mount or "all",
-                        kind,
-                        way,
-                        pooled(outcome, part, kind, way, mount, source),
-                    )
-                    for way in ways
-                ]
+                for way in ways:
+                    score = pooled(outcome, part, kind, way, mount, source)
+                    row: dict[str, Any] = {
+                        "part": part,
+                        "source": source or "all",
+                        "mount": mount or "all",
+                        "kind": kind,
+                        "way": way,
+                    }
+                    row |= score.figures()
+                    row["delay_ms"] = finite([MS * value for value in median_with_interval(score.delays_s)])
+                    row["slid_mm"] = finite([MM * value for value in median_with_interval(score.ways_m)])
+                    rows.append(row)
     return {
         "steps": dict(outcome.steps),
         "unavailable": outcome.unavailable,
@@ -81,30 +80,8 @@ def results(outcome: Outcome, benefit: Sequence[BenefitRow]) -> dict[str, Any]:
         "aims": AIMS,
         "windows_s": {kind: list(window) for kind, window in WINDOWS_S.items()},
         "rows": rows,
-        "benefit": [row.as_dict() for row in benefit],
+        "benefit": list(benefit),
     }
-
-
-def _row(part: str, source: str, mount: str, kind: str, way: str, score: Score) -> dict[str, Any]:
-    delay = [MS * value for value in median_with_interval(score.delays_s)]
-    way_mm = [MM * value for value in median_with_interval(score.ways_m)]
-    return {
-        "part": part,
-        "source": source,
-        "mount": mount,
-        "kind": kind,
-        "way": way,
-        "true": score.hits + score.missed,
-        "reported": score.hits + score.false,
-        "recall": _finite(score.recall),
-        "precision": _finite(score.precision),
-        "delay_ms": _finite(delay),
-        "slid_mm": _finite(way_mm),
-    }
-
-
-def _finite(values: Sequence[float]) -> list[float] | None:
-    return None if any(math.isnan(value) for value in values) else [round(value, 4) for value in values]
 
 
 def page(outcome: Outcome, figures: dict[str, Any], seed: int) -> str:

@@ -178,10 +178,7 @@ def real_figures(foot: RealFoot) -> dict[str, Any]:
             {
                 "kind": kind,
                 "way": way,
-                "true": score.hits + score.missed,
-                "reported": score.hits + score.false,
-                "recall": [round(share, 4) for share in score.recall] if score.hits + score.missed else None,
-                "precision": [round(share, 4) for share in score.precision] if score.hits + score.false else None,
+                **score.figures(),
                 "delay_ms": round(1e3 * delay_s, 1) if score.delays_s else None,
             }
         )

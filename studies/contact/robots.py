@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.signal import butter, lfilter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.names import CHANNELS
 from jammkle_controller.core.leg import leg_of
@@ -20,11 +19,10 @@ from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.urdf import robot_urdf
 from studies.contact.labelled import (
     CLOCK_START_S,
-    Drives,
-    Estimator,
     Imu,
     LabelledRecording,
     Slide,
+    band_noise,
     draw_imu,
     read_body,
     read_leg,
@@ -33,14 +31,12 @@ from studies.contact.labelled import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.leg import Leg
-    from jammkle_controller.core.leg_contact import LegReading
-    from jammkle_sim.rigs.simulation import Sample, Simulation
+    from jammkle_sim.rigs.simulation import Sample
 
 RATE_HZ = 1000
 LEG_JOINTS = ("hip", "knee")
@@ -112,30 +108,12 @@ class Keeper:
         return made
 
 
-def run(simulation: Simulation, duration_s: float, act: Callable[[Sample], None] | None = None) -> dict[str, Traces]:
-    """Run a robot and keep what its ankles felt and did.
-
-    Args:
-        simulation: The robot.
-        duration_s: How long.
-        act: Called with every sample, to command the ankles; none: they stay vented.
-
-    """
-    keeper = Keeper()
-    for sample in simulation.samples(duration_s, RATE_HZ):
-        keeper.keep(sample)
-        if act is not None:
-            act(sample)
-    return keeper.traces()
-
-
 def recording_of(
-    name: str, mount: str, traces: Traces, imu: Imu, vibration_m_s2: float, chance: np.random.Generator
+    mount: str, traces: Traces, imu: Imu, vibration_m_s2: float, chance: np.random.Generator
 ) -> LabelledRecording:
     """Make a recording of one ankle: its truth, and what an IMU that shakes with the robot's motors reads.
 
     Args:
-        name: Of the recording.
         mount: Where the IMU was.
         traces: Of the ankle.
         imu: How the IMU is built and read; what the simulated one reads is its truth.
@@ -143,43 +121,33 @@ def recording_of(
         chance: For all that is drawn.
 
     """
-    touchdowns, liftoffs = contact_changes(traces.stands)
-    spans = spans_of(traces.stands)
     shaken = traces.imu.copy()
     for axis in range(3):
-        shaken[:, axis] += vibration_m_s2 * _shaking(chance, len(shaken))
-        shaken[:, 3 + axis] += 0.03 * vibration_m_s2 * _shaking(chance, len(shaken))
+        for column, share in ((axis, 1.0), (3 + axis, 0.03)):
+            shaken[:, column] += share * vibration_m_s2 * band_noise(chance, len(shaken), RATE_HZ, *SHAKING_HZ)
     return LabelledRecording(
-        name=name,
         mount=mount,
         samples=read_with(shaken, float(RATE_HZ), imu, chance),
-        touchdowns_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touchdowns),
-        liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
-        slides=slides_of(traces),
-        duration_s=len(shaken) / RATE_HZ,
-        touches_s=tuple(CLOCK_START_S + begin / RATE_HZ for begin, _ in spans),
-        leaves_s=tuple(CLOCK_START_S + end / RATE_HZ for _, end in spans if end < len(traces.stands)),
+        **truth_of(traces),
     )
 
 
-def as_simulated(name: str, mount: str, traces: Traces, samples: list[ImuSample]) -> LabelledRecording:
-    """Make a recording of samples as they were felt in a loop."""
+def truth_of(traces: Traces) -> dict[str, Any]:
+    """Return what really happened to a foot, as fields of its recording."""
     touchdowns, liftoffs = contact_changes(traces.stands)
-    return LabelledRecording(
-        name=name,
-        mount=mount,
-        samples=samples,
-        touchdowns_s=tuple(index / RATE_HZ for index in touchdowns),
-        liftoffs_s=tuple(index / RATE_HZ for index in liftoffs),
-        slides=tuple(_moved(slide, -CLOCK_START_S) for slide in slides_of(traces)),
-        duration_s=len(traces.stands) / RATE_HZ,
-    )
+    spans = spans_of(traces.stands)
+    return {
+        "touchdowns_s": _times_s(touchdowns),
+        "liftoffs_s": _times_s(liftoffs),
+        "slides": slides_of(traces),
+        "touches_s": _times_s([begin for begin, _ in spans]),
+        "leaves_s": _times_s([end for _, end in spans if end < len(traces.stands)]),
+    }
 
 
-def _moved(slide: Slide, by_s: float) -> Slide:
-    return dataclasses.replace(
-        slide, begin_s=slide.begin_s + by_s, end_s=slide.end_s + by_s, time_s=slide.time_s + by_s
-    )
+def _times_s(indices: Sequence[int]) -> tuple[float, ...]:
+    """Return when samples were taken, on the IMU's clock."""
+    return tuple(CLOCK_START_S + index / RATE_HZ for index in indices)
 
 
 def of_the_body(ankles: Sequence[Traces]) -> Traces:
@@ -187,46 +155,29 @@ def of_the_body(ankles: Sequence[Traces]) -> Traces:
     stands = np.array([each.stands for each in ankles])
     share = stands / np.maximum(1, stands.sum(axis=0))
     sliding_m_s = np.sum(share * np.array([each.sliding_m_s for each in ankles]), axis=0)
-    return Traces(
-        imu=ankles[0].imu,
+    return dataclasses.replace(
+        ankles[0],
         stands=np.asarray(np.any(stands, axis=0)),
         sliding_m_s=sliding_m_s,
         way_m=np.cumsum(sliding_m_s) / RATE_HZ,
-        leg=ankles[0].leg,
-        pose=ankles[0].pose,
-        twist=ankles[0].twist,
     )
 
 
 def felt_on_the_body(
-    recording: LabelledRecording, ankles: Sequence[Traces], legs: Sequence[list[tuple[int, LegReading]]] = ()
+    recording: LabelledRecording, ankles: Sequence[Traces], feet: Sequence[LabelledRecording]
 ) -> LabelledRecording:
-    """Return a body's recording with the touch-downs of all its feet, and a recording of each foot if its leg is read.
+    """Return a body's recording with the touch-downs of all its feet, and the recording of each foot.
 
     From the body nobody can report whose foot it was, so that the truth of one foot is not what its IMU is judged by.
     Feet that come down within `LEAST_AIR_S` of each other are felt as one.
     """
     touchdowns_s: list[float] = []
-    for at_s in sorted(CLOCK_START_S + index / RATE_HZ for each in ankles for index in contact_changes(each.stands)[0]):
+    for at_s in sorted(at_s for each in ankles for at_s in _times_s(contact_changes(each.stands)[0])):
         if not touchdowns_s or at_s - touchdowns_s[-1] >= LEAST_AIR_S:
             touchdowns_s.append(at_s)
-    touches_s = sorted(CLOCK_START_S + begin / RATE_HZ for each in ankles for begin, _ in spans_of(each.stands))
-    feet = tuple(with_truth_of(recording, ankle, leg) for ankle, leg in zip(ankles, legs, strict=False))
-    return dataclasses.replace(recording, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=feet)
-
-
-def with_truth_of(recording: LabelledRecording, ankle: Traces, leg: list[tuple[int, LegReading]]) -> LabelledRecording:
-    """Return what the same IMU felt as the recording of one foot, whose leg is read."""
-    touchdowns, liftoffs = contact_changes(ankle.stands)
-    spans = spans_of(ankle.stands)
+    touches_s = sorted(at_s for foot in feet for at_s in foot.touches_s)
     return dataclasses.replace(
-        recording,
-        touchdowns_s=tuple(CLOCK_START_S + index / RATE_HZ for index in touchdowns),
-        liftoffs_s=tuple(CLOCK_START_S + index / RATE_HZ for index in liftoffs),
-        slides=slides_of(ankle),
-        touches_s=tuple(CLOCK_START_S + begin / RATE_HZ for begin, _ in spans),
-        leaves_s=tuple(CLOCK_START_S + end / RATE_HZ for _, end in spans if end < len(ankle.stands)),
-        legs=leg,
+        recording, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=tuple(feet)
     )
 
 
@@ -274,15 +225,11 @@ def _joined(spans: list[tuple[int, int]], gap: int) -> list[tuple[int, int]]:
     return made
 
 
-def _shaking(chance: np.random.Generator, count: int) -> NDArray[np.float64]:
-    b, a = butter(2, [25.0 / (0.5 * RATE_HZ), 150.0 / (0.5 * RATE_HZ)], btype="band")
-    noise = lfilter(b, a, chance.normal(size=count))
-    return np.asarray(noise / (np.std(noise) + 1e-12))
-
-
 BEHAVIOURS = ("walk", "walk", "walk", "slip", "drop")
 """Drawn from; a walk holds many steps, a drop one landing."""
 _DURATION_S = {"walk": 5.0, "slip": 2.5, "drop": 2.5}
+SHAKING_HZ = (25.0, 150.0)
+"""Band in which motors and gears shake."""
 _HELD_SHARE = 0.5
 _LEVEL_SHARE = 0.5
 
@@ -343,29 +290,28 @@ def robot_recordings(
     if chance.random() < _HELD_SHARE:
         for view in simulation.ankles.values():
             view.hold_vacuum(dict.fromkeys(CHANNELS, 40e3))
+    keeper = Keeper()
     try:
-        traces = run(simulation, _DURATION_S[options.behaviour])
+        for sample in simulation.samples(_DURATION_S[options.behaviour], RATE_HZ):
+            keeper.keep(sample)
     except UnstableSimulationError:
         return []
+    traces = keeper.traces()
     feet, names = list(traces.values()), list(traces)
     if mount == Mount.BODY.value:
         traces = {"body": of_the_body(feet)}
     drives = np.random.default_rng([seed, int(wide), 79])  # of their own: the rest is drawn as before there were any
-    legs = [read_leg(each.leg, RATE_HZ, Drives(), drives) for each in feet]
+    legs = [read_leg(each.leg, RATE_HZ, drives) for each in feet]
     joints = np.random.default_rng([seed, int(wide), 80])
-    poses = [read_pose(each.pose, RATE_HZ, Drives(), leg, joints) for each, leg in zip(feet, legs, strict=True)]
-    twists = read_body(feet[0].twist, RATE_HZ, Estimator(), joints)
+    poses = [read_pose(each.pose, RATE_HZ, leg, joints) for each, leg in zip(feet, legs, strict=True)]
+    twists = read_body(feet[0].twist, RATE_HZ, joints)
     vibration = float(10.0 ** chance.uniform(-1.3, 0.0 if wide else -0.2))
+    recordings = [recording_of(mount, each, draw_imu(chance, wide=wide), vibration, chance) for each in traces.values()]
+    body = recordings[0] if mount == Mount.BODY.value else None
+    if body is not None:
+        recordings = [dataclasses.replace(body, **truth_of(each)) for each in feet]
     recordings = [
-        recording_of(
-            f"{robot} {options.behaviour} {seed} {name}", mount, each, draw_imu(chance, wide=wide), vibration, chance
-        )
-        for name, each in traces.items()
-    ]
-    if mount == Mount.BODY.value:
-        recordings = [felt_on_the_body(recording, feet, legs) for recording in recordings]
-    reported = [
         dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name))
-        for foot, leg, pose, name in zip(recordings[0].feet or recordings, legs, poses, names, strict=True)
+        for foot, leg, pose, name in zip(recordings, legs, poses, names, strict=True)
     ]
-    return reported if not recordings[0].feet else [dataclasses.replace(recordings[0], feet=tuple(reported))]
+    return recordings if body is None else [felt_on_the_body(body, feet, recordings)]

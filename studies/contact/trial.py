@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
 import numpy as np
@@ -22,7 +22,6 @@ from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.labelled import CLOCK_START_S, walk
-from studies.contact.learn import FIRST_TRIAL_SEED
 from studies.contact.robots import robot_recordings
 
 if TYPE_CHECKING:
@@ -77,15 +76,13 @@ def always(samples: Sequence[ImuSample], period_s: float) -> list[float]:
     """Return a time every `period_s`, s."""
     reported: list[float] = []
     for sample in samples:
-        time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-        if not reported or time_s - reported[-1] >= period_s:
-            reported.append(time_s)
+        _tell(reported, sample, period_s)
     return reported
 
 
-def _tell(reported: list[float], sample: ImuSample) -> None:
+def _tell(reported: list[float], sample: ImuSample, refractory_s: float = REFRACTORY_S) -> None:
     time_s = sample.time_ns / NANOSECONDS_PER_SECOND
-    if not reported or time_s - reported[-1] >= REFRACTORY_S:
+    if not reported or time_s - reported[-1] >= refractory_s:
         reported.append(time_s)
 
 
@@ -142,6 +139,20 @@ class Score:
     def precision(self) -> tuple[float, float, float]:
         """Share of the reported events that are true, with its interval."""
         return wilson(self.hits, self.hits + self.false)
+
+    def figures(self) -> dict[str, Any]:
+        """Return counts, recall and precision for machines."""
+        return {
+            "true": self.hits + self.missed,
+            "reported": self.hits + self.false,
+            "recall": finite(self.recall),
+            "precision": finite(self.precision),
+        }
+
+
+def finite(values: Sequence[float]) -> list[float] | None:
+    """Return figures for machines, rounded; None where one is not a number."""
+    return None if any(map(math.isnan, values)) else [round(value, 4) for value in values]
 
 
 def wilson(hits: int, of: int) -> tuple[float, float, float]:
@@ -212,6 +223,8 @@ def score_slides(slides: Sequence[Slide], reported_s: Sequence[float]) -> Score:
     return score
 
 
+FIRST_TRIAL_SEED = 100_000
+"""Those of what was learned from are below."""
 TUNING, HELD_OUT = "tuning", "held out"
 STRIDES = 8
 SOURCES = {
@@ -249,7 +262,7 @@ def cases_from(part: str, seed: int, count: int) -> list[Case]:
 
     Args:
         part: One of SOURCES.
-        seed: Added to the first seed of every trial, so that nothing was learned from it.
+        seed: Of the trial, whose cases begin at 10,000 times it above `FIRST_TRIAL_SEED`.
         count: How many.
 
     """
@@ -291,7 +304,7 @@ class Outcome:
 
 def run_case(case: Case) -> Outcome:
     """Make the recordings of a case, and score every way on them."""
-    outcome = Outcome(defaultdict(Score), defaultdict(int))
+    outcome = Outcome()
     recordings = case.recordings()
     outcome.empty = int(not recordings)
     for recording in recordings:
@@ -386,7 +399,7 @@ def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, st
         on_progress: Called with the share done and what is being done.
 
     """
-    whole = Outcome(defaultdict(Score), defaultdict(int))
+    whole = Outcome()
     batch = 10
     for part in (TUNING, HELD_OUT):
         done = 0

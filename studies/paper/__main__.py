@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,17 +36,6 @@ if TYPE_CHECKING:
 PAGE_NAME = "paper.html"
 
 
-@dataclass(frozen=True)
-class PaperRequest:
-    """One call of the study."""
-
-    folder: Path
-    json: Path | None
-    refit: bool
-    repeats: int
-    seed: int
-
-
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
 
 
@@ -64,41 +52,29 @@ def paper(
     json: JsonOption = None,
 ) -> int:
     """Run every test of the paper and write a page with its tables and figures beside the simulation."""
-    return compare(PaperRequest(output, json, refit, repeats, seed))
-
-
-def compare(request: PaperRequest) -> int:
-    """Do everything and return the exit code: 1 if a fit that was asked for does not give the committed constants.
-
-    Raises:
-        InputError: something cannot be as asked for; nothing was run.
-        GraphError: a simulation blew up.
-        Interrupted: asked to stop.
-
-    """
-    _check(request)
+    _check(output, json, repeats, seed)
     stop = StopRequest()
-    fit = _fit(stop) if request.refit else None
-    outcomes = Outcomes(_run(tasks(request.repeats, request.seed), stop))
+    fit = _fit(stop) if refit else None
+    outcomes = Outcomes(_run(tasks(repeats, seed), stop))
     rows, claims, slips = compare_rows(outcomes), compare_claims(outcomes), slip_statistics(outcomes)
     with results.console().status("drawing"):
         deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, HELD_VACUUM_PA)]
         drawn = pictures(outcomes, rows, deformations)
     reasons = {entry.identifier: entry.sentence for entry in REASONS}
-    findings = Findings(request.seed, request.repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)
-    target = request.folder / PAGE_NAME
+    findings = Findings(seed, repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)
+    target = output / PAGE_NAME
     target.write_text(page(findings), encoding="utf-8")
     content: dict[str, Any] = {
         "rows": [row.as_json() for row in rows],
         "claims": [claim.as_json() for claim in claims],
         "slip": [slip.as_json() for slip in slips],
-        "repeats": request.repeats,
-        "seed": request.seed,
+        "repeats": repeats,
+        "seed": seed,
         "page": str(target),
     }
     if fit is not None:
         content["refit"] = _fit_json(fit)
-    results.write_json(request.json, content)
+    results.write_json(json, content)
     _show(rows, claims, fit, target)
     return 1 if fit is not None and not fit.reproduces_committed else 0
 
@@ -119,23 +95,20 @@ def tasks(repeats: int, seed: int) -> list[Task]:
     return [*repeated, *single]
 
 
-def _check(request: PaperRequest) -> None:
-    for option, value, least, most in (
-        ("--repeats", request.repeats, 2, MAX_REPEATS),
-        ("--seed", request.seed, 0, MAX_SEED),
-    ):
+def _check(folder: Path, json: Path | None, repeats: int, seed: int) -> None:
+    for option, value, least, most in (("--repeats", repeats, 2, MAX_REPEATS), ("--seed", seed, 0, MAX_SEED)):
         if not least <= value <= most:
             msg = f"{option} {value} must be {least} to {most}"
             raise InputError(msg)
-    if request.json is not None and request.json.absolute().parent != request.folder.absolute():
-        results.check_writable(request.json)
+    if json is not None and json.absolute().parent != folder.absolute():
+        results.check_writable(json)
     try:
-        request.folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"folder {request.folder} cannot be made: {error.strerror}"
+        msg = f"folder {folder} cannot be made: {error.strerror}"
         raise InputError(msg) from error
-    results.check_writable(request.json)
-    results.check_writable(request.folder / PAGE_NAME, "--output")
+    results.check_writable(json)
+    results.check_writable(folder / PAGE_NAME, "--output")
 
 
 def _run(todo: list[Task], stop: Callable[[], bool]) -> tuple[Outcome, ...]:

@@ -16,7 +16,8 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carr
 
 from jammkle_gap import Constants, Effect, EffectParameter, Library, Problem, Recording, Signal, diagnose
 from jammkle_sim.physics.constants import TENDON_SETS, TendonParameters
-from studies.paper.reference import NO_MEMBRANE_ROW, TENSILE_ROWS, TensileRow, peak_force_n
+from studies.paper.reference import row_peak_n
+from studies.paper.tables import TENSILE_ROWS as ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap import Diagnosis
+    from studies.paper.tables import PaperRow
 
-ROWS = (NO_MEMBRANE_ROW, *TENSILE_ROWS)
 UNJAMMED = tuple(row for row in ROWS if row.vacuum_pa == 0.0)
 PRINTED = TENDON_SETS["as_printed"]
 SPECTRUM = TENDON_SETS["fitted"].relaxation_gains
@@ -150,7 +151,7 @@ def corrected(values: Mapping[str, float]) -> TendonParameters:
 class Pull:
     """A row, and what counts as its noise."""
 
-    row: TensileRow
+    row: PaperRow
     noise_n: float
 
 
@@ -158,11 +159,11 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
     """Give the peak force of a row, in its noise."""
     pull: Pull = recording.inputs
     gain = {**NULL, **values}["load_cell_gain.gain"]
-    peak_n = gain * peak_force_n(corrected(values), pull.row.fibre, pull.row.vacuum_pa)
+    peak_n = gain * row_peak_n(corrected(values), pull.row)
     return {"peak_force": np.full(SAMPLES, peak_n / pull.noise_n)}
 
 
-def load(row: TensileRow, least_share: float = 0.0) -> Recording:
+def load(row: PaperRow, least_share: float = 0.0) -> Recording:
     """Hand a row over as a run that holds its mean, worth one sample.
 
     Args:
@@ -170,14 +171,14 @@ def load(row: TensileRow, least_share: float = 0.0) -> Recording:
         least_share: Share of the mean that counts as noise where the standard error is smaller.
 
     """
-    noise_n = max(row.standard_error_n, least_share * row.mean_n)
+    noise_n = max(row.standard_error, least_share * row.mean)
     time_s = np.linspace(0.0, PULL_S, SAMPLES)
-    held = np.full(SAMPLES, row.mean_n / noise_n)
+    held = np.full(SAMPLES, row.mean / noise_n)
     signal = Signal("peak_force", "noise of its row", time_s, held, resolution=STEP_PER_DEVIATION)
     return Recording(row.identifier, (signal,), Pull(row, noise_n))
 
 
-def run(rows: Sequence[TensileRow] = ROWS, library: Library = LIBRARY, least_share: float = 0.0) -> Diagnosis:
+def run(rows: Sequence[PaperRow] = ROWS, library: Library = LIBRARY, least_share: float = 0.0) -> Diagnosis:
     """Diagnose rows of the table."""
     problem = Problem(simulate, library, bin_s=lambda _: BIN_S)
     return diagnose([load(row, least_share) for row in rows], problem, constants=Constants(blocks=1), jobs=1)
@@ -188,9 +189,9 @@ def fitted_values(found: Diagnosis) -> dict[str, float]:
     return {f"{effect.name}.{each.name}": each.value for effect in found.effects for each in effect.parameters}
 
 
-def predicted_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[str]) -> float:
+def predicted_n(row: PaperRow, rows: Sequence[PaperRow], effects: Sequence[str]) -> float:
     """Return the peak force of a row after a fit by scipy to those of other tendons and vacuums, N."""
-    others = [load(each) for each in rows if (each.fibre, each.vacuum_pa) != (row.fibre, row.vacuum_pa)]
+    others = [load(each) for each in rows if (each.material, each.vacuum_pa) != (row.material, row.vacuum_pa)]
     keys = [effect.key(each) for effect in LIBRARY if effect.name in effects for each in effect.parameters]
     bounds = {effect.key(each): (each.minimum, each.maximum) for effect in LIBRARY for each in effect.parameters}
 
@@ -201,10 +202,10 @@ def predicted_n(row: TensileRow, rows: Sequence[TensileRow], effects: Sequence[s
     low, high = np.array([bounds[key] for key in keys]).T
     null = np.array([NULL[key] for key in keys])
     found = least_squares(misses, null, bounds=(low, high), x_scale=high - low, loss="soft_l1")
-    return float(simulate(load(row), dict(zip(keys, found.x, strict=True)))["peak_force"][0] * row.standard_error_n)
+    return float(simulate(load(row), dict(zip(keys, found.x, strict=True)))["peak_force"][0] * row.standard_error)
 
 
-def tell(found: Diagnosis, rows: Sequence[TensileRow]) -> None:
+def tell(found: Diagnosis, rows: Sequence[PaperRow]) -> None:
     """Print what was found, and each row: measured, printed, corrected, and predicted from the others."""
     print(found.verdict.value, *found.reasons, sep="\n")
     for effect in found.effects:
@@ -213,8 +214,8 @@ def tell(found: Diagnosis, rows: Sequence[TensileRow]) -> None:
             print(f"{effect.name}: {parameter.value:.3g} {parameter.unit} ({low:.3g} to {high:.3g})")
     for row in rows:
         forces_n = [
-            row.mean_n,
-            *(peak_force_n(corrected(values), row.fibre, row.vacuum_pa) for values in ({}, fitted_values(found))),
+            row.mean,
+            *(row_peak_n(corrected(values), row) for values in ({}, fitted_values(found))),
             predicted_n(row, rows, [effect.name for effect in found.effects]),
         ]
         print(

@@ -152,18 +152,3 @@ REASONS = (
     ),
 )
 """In the order of the paper's tables, then its claims on the slip test."""
-
-
-def reason(identifier: str) -> Reason:
-    """Return the reason of a row or claim.
-
-    Raises:
-        ValueError: there is no such row or claim.
-
-    """
-    for entry in REASONS:
-        if entry.identifier == identifier:
-            return entry
-    known = ", ".join(entry.identifier for entry in REASONS)
-    msg = f"no row or claim is called '{identifier}'; known are: {known}"
-    raise ValueError(msg)

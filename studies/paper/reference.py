@@ -17,7 +17,7 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carr
 from jammkle_sim.physics.constants import Fibre, of_fibre
 from jammkle_sim.physics.tendon import Tendon, force_table_n
 from studies.paper.shear_lag import PRINTED_FRICTION, ShearLagOptions, ShearLagTendon
-from studies.paper.tables import paper_row
+from studies.paper.tables import TENSILE_ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.physics.constants import Fibres, TendonParameters
+    from studies.paper.tables import PaperRow
 
 SPEED_M_S = 0.005
 """Speed of the tensile test, m/s. Paper."""
@@ -34,41 +35,17 @@ _TIMESTEP_S = 0.004
 """Exact for a ramp at any time step; short enough not to miss the end of it."""
 
 
-@dataclass(frozen=True)
-class TensileRow:
-    """One row of the paper's table of characterisation tests, and the tendon it was measured on."""
+FIBRES = {"multi": Fibre.MULTI_MATERIAL, "a30": Fibre.SHORE_A30, "a85": Fibre.SHORE_A85}
+"""What fibres are of, by name of the material."""
 
-    identifier: str
-    fibre: Fibre
-    vacuum_pa: float
-
-    @property
-    def mean_n(self) -> float:
-        """Mean of the peak forces, N."""
-        return paper_row(self.identifier).mean
-
-    @property
-    def standard_error_n(self) -> float:
-        """Standard error of the mean, N."""
-        return paper_row(self.identifier).standard_error
+NO_MEMBRANE_ROW, *FITTED_ROWS = TENSILE_ROWS
+"""The bundle without its membrane, which is not fitted, as the law has no membrane where there is no vacuum; and the
+eight rows that are."""
 
 
-_MULTI, _A30, _A85 = Fibre.MULTI_MATERIAL, Fibre.SHORE_A30, Fibre.SHORE_A85
-
-NO_MEMBRANE_ROW = TensileRow("no_membrane_atm", _MULTI, 0.0)
-"""The bundle without its membrane: not fitted, as the law has no membrane where there is no vacuum."""
-
-TENSILE_ROWS = (
-    TensileRow("membrane_atm", _MULTI, 0.0),
-    TensileRow("a30_atm", _A30, 0.0),
-    TensileRow("a30_vac50", _A30, 50e3),
-    TensileRow("a85_atm", _A85, 0.0),
-    TensileRow("a85_vac50", _A85, 50e3),
-    TensileRow("multi_vac10", _MULTI, 10e3),
-    TensileRow("multi_vac30", _MULTI, 30e3),
-    TensileRow("multi_vac50", _MULTI, 50e3),
-)
-"""The eight rows that are fitted."""
+def row_peak_n(parameters: TendonParameters, row: PaperRow) -> float:
+    """Peak force of a row of the tensile test by the law, N."""
+    return peak_force_n(parameters, FIBRES[row.material], row.vacuum_pa)
 
 
 def peak_force_n(

@@ -16,16 +16,15 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carr
 
 from jammkle_sim.physics.constants import TENDON_SETS
 from studies.paper.reference import (
-    TENSILE_ROWS,
+    FITTED_ROWS,
     VACUUMS_PA,
     Comparison,
-    TensileRow,
     compare,
     cycle_m,
     fast_tension_n,
-    peak_force_n,
     reference_tension_n,
     rms_n,
+    row_peak_n,
     with_friction,
 )
 from studies.paper.shear_lag import PRINTED_FRICTION, ShearLagOptions
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_sim.physics.constants import TendonParameters
+    from studies.paper.tables import PaperRow
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,6 @@ HELD_FIXED = {
 """Every other constant of the tendon, and why the fit leaves it alone."""
 
 _STIFFNESS_AND_YIELD = slice(7, 11)
-
-
-def start_values() -> NDArray[np.float64]:
-    """Start of the fit, one value per unknown, SI."""
-    return np.array([unknown.start for unknown in UNKNOWNS])
 
 
 def values_of(parameters: TendonParameters) -> NDArray[np.float64]:
@@ -157,13 +152,13 @@ class ConstantResult:
 class RowResult:
     """One row of the paper as the fitted constants give it."""
 
-    row: TensileRow
+    row: PaperRow
     simulated_n: float
 
     @property
     def residual(self) -> float:
         """Simulation minus paper, in standard errors."""
-        return (self.simulated_n - self.row.mean_n) / self.row.standard_error_n
+        return (self.simulated_n - self.row.mean) / self.row.standard_error
 
 
 @dataclass(frozen=True)
@@ -224,18 +219,17 @@ class Objective:
 
 def row_results(parameters: TendonParameters) -> tuple[RowResult, ...]:
     """Simulate the eight rows."""
-    return tuple(RowResult(row, peak_force_n(parameters, row.fibre, row.vacuum_pa)) for row in TENSILE_ROWS)
+    return tuple(RowResult(row, row_peak_n(parameters, row)) for row in FITTED_ROWS)
 
 
-def refit(on_progress: Callable[[float], None], start: NDArray[np.float64] | None = None) -> FitResult:
+def refit(on_progress: Callable[[float], None]) -> FitResult:
     """Fit the constants anew, from the start values; some tens of seconds.
 
     Args:
         on_progress: Called with the share done, 0 to 1, estimated.
-        start: Where to start, SI, one value per unknown; None for the start values of UNKNOWNS.
 
     """
-    begin = start_values() if start is None else start
+    begin = np.array([unknown.start for unknown in UNKNOWNS])
     objective = Objective()
 
     def residuals(factors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from jammkle_common.parameters import from_mapping
 from jammkle_common.processes import end_with_parent
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig, scattered
 from jammkle_sim.rigs.recording import smoothed
-from studies.paper.tables import DROP_ROWS, DROP_TEST, SLIP_TEST, TENSILE_ROWS, TENSILE_TEST
+from studies.paper.tables import DROP_TEST, ROWS, SLIP_TEST, TENSILE_TEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -68,29 +68,7 @@ class Experiment:
         return from_mapping(rig_kind(self.rig).options, values)
 
 
-_TENSILE_VALUES: dict[str, dict[str, Value]] = {
-    "no_membrane_atm": {"membrane": "no"},
-    "membrane_atm": {},
-    "a30_atm": {"material": "a30"},
-    "a30_vac50": {"material": "a30", "vacuum_pa": 50e3},
-    "a85_atm": {"material": "a85"},
-    "a85_vac50": {"material": "a85", "vacuum_pa": 50e3},
-    "multi_vac10": {"vacuum_pa": 10e3},
-    "multi_vac30": {"vacuum_pa": 30e3},
-    "multi_vac50": {"vacuum_pa": 50e3},
-}
-_DROP_FEET = {
-    "rigid_ankle": "rigid_ankle",
-    "standard_foot": "standard",
-    "squash_ball": "squash_ball",
-    "jammed_ankle": "jammed",
-    "unjammed_ankle": "unjammed",
-}
-
-ROW_EXPERIMENTS = (
-    *(Experiment(row.identifier, row.test, row.title, _TENSILE_VALUES[row.identifier]) for row in TENSILE_ROWS),
-    *(Experiment(row.identifier, row.test, row.title, {"foot": _DROP_FEET[row.identifier]}) for row in DROP_ROWS),
-)
+ROW_EXPERIMENTS = tuple(Experiment(row.identifier, row.test, row.title, row.options) for row in ROWS)
 """One per row of the tables."""
 
 SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED = (
@@ -111,7 +89,7 @@ CURVE_EXPERIMENTS = tuple(
     for material, name in MATERIALS.items()
     if material != "multi"
     for kpa in VACUUMS_KPA
-    if f"{material}_vac{kpa}" not in _TENSILE_VALUES and kpa
+    if kpa and f"{material}_vac{kpa}" not in {row.identifier for row in ROWS}
 )
 """Curves that belong to no row: run once each, without scatter."""
 

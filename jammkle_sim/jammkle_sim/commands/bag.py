@@ -100,7 +100,8 @@ def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitio
     clock = OutgoingMessages(())
 
     def write(name: str, topic: Topic, message: Any) -> None:
-        log.write(name, serialiser.serialised(topic.message_type, message), at_ns)
+        data = message if isinstance(message, bytes) else serialiser.serialised(topic.message_type, message)
+        log.write(name, data, at_ns)
 
     at_ns = 0
     streams = [_stream(run, ankle, namespace, is_first=i == 0) for i, (ankle, run) in enumerate(runs.items())]
@@ -157,7 +158,7 @@ def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator
         robot_namespace: That of its robot, if it is another.
 
     Yields:
-        Time, ns since the start of the rig; topic; message.
+        Time, ns since the start of the rig; topic; message, or the bytes of one.
 
     Raises:
         NotFiniteError: the run holds NaN or infinity.

@@ -6,20 +6,19 @@ import dataclasses
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import check_free
 from jammkle_common.command import results
-from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.command.errors import GraphError, InputError, StopRequest
 from jammkle_common.command.results import progress_bar
 from jammkle_common.names import CHANNELS, normalised
-from jammkle_common.parameters import ParameterError, as_typed, in_si
+from jammkle_common.parameters import in_si
 from jammkle_sim.commands.bag import write_bags
+from jammkle_sim.commands.table import errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.options import changed_text
-from jammkle_sim.rigs.run import RigCancelledError, run_robot
-from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
+from jammkle_sim.rigs.run import run_robot
+from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
@@ -93,33 +92,23 @@ def _check(values: dict[str, Any]) -> None:
 def _run(
     given: dict[str, Any], options: RobotOptions, on_progress: Callable[[float], None], namespace: str
 ) -> dict[str, RigRun]:
-    try:
+    duration_s, rate_hz = given["duration_s"], given["imu_rate_hz"]
+    with errors_of_a_run():
         built = robot_of_ours(given["robot"], options)
         simulation = Simulation(built)
         for ankle in simulation.ankles.values():
             ankle.hold_vacuum(dict.fromkeys(CHANNELS, float(in_si("vacuum_pa", given["vacuum_kpa"]))))
-        duration_s, rate_hz, urdf_text = given["duration_s"], given["imu_rate_hz"], robot_urdf(built, namespace)
-        return run_robot(simulation, duration_s, rate_hz, on_progress, StopRequest(), urdf_text)
-    except ParameterError as error:
-        raise InputError(as_typed(error)) from error
-    except ValueError as error:
-        msg = f"--imu-rate-hz {given['imu_rate_hz']}: {error}"
-        raise InputError(msg) from error
-    except RigCancelledError as error:
-        raise Interrupted from error
-    except UnstableSimulationError as error:
-        raise GraphError(as_typed(error)) from error
+        urdf_text = robot_urdf(built, namespace)
+        try:
+            return run_robot(simulation, duration_s, rate_hz, on_progress, StopRequest(), urdf_text)
+        except ValueError as error:
+            msg = f"--imu-rate-hz {rate_hz}: {error}"
+            raise InputError(msg) from error
 
 
 def _show(name: str, runs: dict[str, RigRun]) -> None:
-    table = Table(title=f"Robot {name}", title_justify="left")
-    table.add_column("figure")
-    for ankle in runs:
-        table.add_column(ankle, justify="right")
-    for figure in next(iter(runs.values())).results:
-        table.add_row(figure, *(f"{run.results[figure]:.5g}" for run in runs.values()))
     console = results.console()
-    console.print(table)
+    console.print(figures_table(f"Robot {name}", {ankle: run.results for ankle, run in runs.items()}))
     for ankle, run in runs.items():
         if run.broken:
             console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")

@@ -40,45 +40,6 @@ class Tick:
     outputs: tuple[Output, ...]
 
 
-class _Course:
-    """A simulation, when which of its outputs are due, and where its steps lie in simulated time."""
-
-    def __init__(self, simulation: SteppedSimulation, periods: Mapping[Output, int], start_ns: int) -> None:
-        self.simulation = simulation
-        self.schedule = Schedule(periods)
-        self.timestep_ns = timestep_ns(simulation.timestep_s)
-        self._timestep_s = simulation.timestep_s
-        self._start_ns = start_ns - self.step * self.timestep_ns
-        self.first_step = self.step
-
-    @property
-    def step(self) -> int:
-        """Steps since the simulation was made."""
-        return round(self.simulation.time_s / self._timestep_s)
-
-    @property
-    def time_ns(self) -> int:
-        """Simulated time, ns."""
-        return self.time_ns_at(self.step)
-
-    def time_ns_at(self, step: int) -> int:
-        """Simulated time, ns, of a step."""
-        return self._start_ns + step * self.timestep_ns
-
-    def whole_steps_ns(self, time_s: float) -> int:
-        """Simulated time, ns, rounded to a whole step."""
-        return round(time_s / self._timestep_s) * self.timestep_ns
-
-    def next_step(self) -> int:
-        """Next step at which something is due."""
-        step = self.step
-        return step + self.schedule.steps_to_next(step - self.first_step)
-
-    def move_to(self, time_ns: int) -> None:
-        """Let the step that it stands at lie at this simulated time."""
-        self._start_ns += time_ns - self.time_ns
-
-
 class Engine:
     """One simulation, its pace, its schedule and its run state."""
 
@@ -93,7 +54,7 @@ class Engine:
         """Put the parts together.
 
         Args:
-            simulation: What is driven.
+            simulation: What is driven; time begins where it stands.
             periods: Steps between two of each output.
             control: Run state; shared with whoever pauses, resumes and steps through this engine only.
             pacer: Pace.
@@ -103,10 +64,13 @@ class Engine:
             RateError: the time step is not a whole number of nanoseconds.
 
         """
-        own_ns = round(simulation.time_s / simulation.timestep_s) * timestep_ns(simulation.timestep_s)
         self._simulation = simulation
-        self._own = _Course(simulation, periods, own_ns)
-        self._course = self._own
+        self._schedule = Schedule(periods)
+        self._timestep_ns = timestep_ns(simulation.timestep_s)
+        self._offset_ns = 0
+        """Simulated time at which the simulation was made."""
+        self._first_step = self._step
+        """At which the rig was last started: the schedule counts from there."""
         self._control = control
         self._pacer = pacer
         self._factor = RealTimeFactor()
@@ -118,7 +82,7 @@ class Engine:
     @property
     def time_ns(self) -> int:
         """Simulated time, ns, exact: it counts whole steps from the time of the start."""
-        return self._course.time_ns
+        return self._time_ns_at(self._step)
 
     @property
     def begun(self) -> bool:
@@ -148,12 +112,12 @@ class Engine:
         Time that is ahead of it, as when that clock was set back, is set back as well.
         """
         if self._limit_ns is None or self.time_ns > limit_ns:
-            self._course.move_to(limit_ns)
+            self._move_to(limit_ns)
         self._limit_ns = limit_ns
 
     def next_output_ns(self) -> int:
         """Simulated time, ns, of the next output."""
-        return self._course.time_ns_at(self._course.next_step())
+        return self._time_ns_at(self._next_step())
 
     def wait_s(self) -> float:
         """Real time, s, until `cycle` has something to do; infinite while time stands still."""
@@ -164,7 +128,7 @@ class Engine:
             return float("inf")
         if self._limit_ns is not None:
             return 0.0 if self.next_output_ns() <= self._limit_ns else float("inf")
-        return self._pacer.wait_s(self._time_s_at(self._course.next_step()), self._now_s())
+        return self._pacer.wait_s(self._time_s_at(self._next_step()), self._now_s())
 
     def cycle(self) -> Tick | None:
         """Advance to the next due output if its time has come.
@@ -175,20 +139,19 @@ class Engine:
         """
         if self.wait_s() > 0:
             return None
-        course = self._course
-        target = course.next_step()
+        target = self._next_step()
         now_s = self._now_s()
         stepping = self._control.state is RunState.STEPPING
         if stepping:
-            target = min(target, course.step + self._control.steps_left)
+            target = min(target, self._step + self._control.steps_left)
         else:
             self._pacer.begin(self._time_s_at(target), now_s)
-        steps = target - course.step
-        course.simulation.advance(steps)
+        steps = target - self._step
+        self._simulation.advance(steps)
         self._begun = True
         self._control.steps_taken(steps)
         self._factor.note(self._time_s_at(target), now_s)
-        outputs = course.schedule.due(target - course.first_step)
+        outputs = self._schedule.due(target - self._first_step)
         if stepping and self._control.state is RunState.PAUSED:
             # Who steps one by one wants to see the state after each; readings keep to their rates.
             outputs = tuple(output for output in Output if output in outputs or output in STATES)
@@ -199,7 +162,7 @@ class Engine:
 
         Only before the first step: a later change would be a jump in time.
         """
-        self._own.move_to(self._own.whole_steps_ns(start_time_s))
+        self._move_to(round(start_time_s / self._simulation.timestep_s) * self._timestep_ns)
         self.restart_pace()
 
     def pause(self) -> None:
@@ -212,7 +175,7 @@ class Engine:
         self._control.resume()
         if not already_running:
             if self._limit_ns is not None:  # the clock went on meanwhile
-                self._course.move_to(self._limit_ns)
+                self._move_to(self._limit_ns)
             self.restart_pace()
 
     def begin_steps(self, steps: int) -> None:
@@ -227,7 +190,7 @@ class Engine:
 
     def restart_pace(self, speed: float | None = None) -> None:
         """Let simulated time go on from where it stands now, without catching up; with another speed if given."""
-        self._pacer.restart(self._time_s_at(self._course.step), self._now_s(), speed)
+        self._pacer.restart(self._time_s_at(self._step), self._now_s(), speed)
         self._factor.restart()
 
     def fail(self, why: str) -> None:
@@ -238,11 +201,27 @@ class Engine:
         """Restore the rig; simulated time goes on, and the schedule counts from here. See RunControl.reset."""
         self._control.reset()
         self._simulation.reset()
-        self._own.first_step = self._own.step
+        self._first_step = self._step
         self.restart_pace()
 
+    @property
+    def _step(self) -> int:
+        """Steps since the simulation was made."""
+        return round(self._simulation.time_s / self._simulation.timestep_s)
+
+    def _next_step(self) -> int:
+        """Next step at which something is due."""
+        return self._step + self._schedule.steps_to_next(self._step - self._first_step)
+
+    def _time_ns_at(self, step: int) -> int:
+        return self._offset_ns + step * self._timestep_ns
+
     def _time_s_at(self, step: int) -> float:
-        return self._course.time_ns_at(step) / NANOSECONDS_PER_SECOND
+        return self._time_ns_at(step) / NANOSECONDS_PER_SECOND
+
+    def _move_to(self, time_ns: int) -> None:
+        """Let the step that it stands at lie at this simulated time."""
+        self._offset_ns += time_ns - self.time_ns
 
 
 MAX_STEPS = 100_000

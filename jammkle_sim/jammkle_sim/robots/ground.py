@@ -1,4 +1,4 @@
-"""Ground under a robot: a plane or a height field drawn from a seed, inclined, rising toward x."""
+"""Ground under a robot, a plane or a height field drawn from a seed, rising toward x; and robots put onto it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_sim.physics.ankle import AnkleParameters
+from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.rigs.model import release
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from jammkle_sim.physics.sensors import SensorParameters
+from jammkle_sim.rigs.model import new_spec, release
+from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.rig import GROUND, Event
 from jammkle_sim.robots.options import Behaviour
+from jammkle_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from jammkle_sim.rigs.rig import JointControl
     from jammkle_sim.robots.options import RobotOptions
     from jammkle_sim.robots.robot import AttachedAnkle
 
@@ -108,31 +115,76 @@ IMPEDANCE_RATIO = 100.0
 millimetre with the 10 of the other rigs. It costs no time."""
 
 
-def compiled_on(
-    spec: Any, base: Any, ground: Ground, ankles: tuple[AttachedAnkle, ...], joints: Mapping[str, float], drop_m: float
-) -> Any:
-    """Compile a model whose lowest foot starts so far above the ground.
+class Building:
+    """One of our robots on its ground while it is built: its model, and what all its limbs are built with."""
 
-    Args:
-        spec: The mujoco.MjSpec, otherwise finished; its base is moved and a keyframe added.
-        base: Its first body.
-        ground: Where the ground is.
-        ankles: Whose feet stand.
-        joints: Start of the servos and their targets, by name, rad.
-        drop_m: Height to fall, straight down.
+    def __init__(self, name: str, base: str, options: RobotOptions) -> None:
+        """Begin a model with the ground alone.
 
-    Returns:
-        The mujoco.MjModel.
+        Args:
+            name: Of the robot.
+            base: Name that the first body will have; an IMU on the body is there.
+            options: What it does, where.
 
-    """
-    model = spec.compile()
-    base.pos[2] += drop_m - _clearance_m(model, ground, ankles, joints)
-    model = spec.compile()
-    spec.add_key(name="start", qpos=_start(model, joints).tolist(), ctrl=_controls(model, joints).tolist())
-    return spec.compile()
+        Raises:
+            ParameterError: an option out of range.
+
+        """
+        self.name, self.base = name, base
+        self.options = checked(options)
+        self.ankle = AnkleParameters(hang_pitch_rad=math.radians(options.hang_pitch_deg))
+        """Constants of every ankle."""
+        self.sensors = SensorParameters(seed=options.seed)
+        self.ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)
+        self.spec = new_spec(name, options.timestep_s)
+        """The mujoco.MjSpec."""
+        self.spec.option.impratio = IMPEDANCE_RATIO
+        self.ground.add_to(self.spec, self.ankle.contact_time_s)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the robot begins held in the air."""
+        return self.options.behaviour in {Behaviour.DROP.value, Behaviour.HANG.value}
+
+    def finished(
+        self,
+        ankles: tuple[AttachedAnkle, ...],
+        joints: Mapping[str, float],
+        control: Callable[[Any], JointControl],
+        parts: Mapping[str, Any],
+    ) -> Robot:
+        """Compile the model, whose lowest foot starts on the ground or as far above it as it shall fall.
+
+        Args:
+            ankles: Whose feet stand.
+            joints: Start of the servos and their targets, by name, rad.
+            control: Makes what moves the joints, of the mujoco.MjModel.
+            parts: Every dataclass of constants that the robot alone has, by name.
+
+        """
+        options, spec = self.options, self.spec
+        drop_m = options.drop_height_m if self.is_held else 0.0
+        spec.body(self.base).pos[2] += drop_m - _clearance_m(spec.compile(), self.ground, ankles, joints)
+        model = spec.compile()
+        spec.add_key(name="start", qpos=_start(model, joints).tolist(), ctrl=_controls(model, joints).tolist())
+        model = spec.compile()
+        return Robot(
+            name=self.name,
+            spec=spec,
+            model=model,
+            ankles=ankles,
+            base=self.base,
+            tendon=tendon_parameters(options.parameter_set),
+            pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
+            sensors=self.sensors,
+            control=control(model),
+            events=_events_of(options, ankles),
+            options=options,
+            parts={"ankle": self.ankle, **parts},
+        )
 
 
-def events_of(options: RobotOptions, ankles: tuple[AttachedAnkle, ...]) -> tuple[Event, ...]:
+def _events_of(options: RobotOptions, ankles: tuple[AttachedAnkle, ...]) -> tuple[Event, ...]:
     """Return what happens to a robot, apart from its own doing."""
     if options.behaviour == Behaviour.DROP.value:
         return (Event(round(options.release_time_s / options.timestep_s), release),)

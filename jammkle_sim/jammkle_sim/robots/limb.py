@@ -7,17 +7,20 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jammkle_common.names import LEG_JOINTS
 from jammkle_sim.physics.ankle import corner_m
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.rig import FootPlan
-from jammkle_sim.robots.options import AnkleKind, ImuPlace
+from jammkle_sim.robots.options import AnkleKind, Behaviour, ImuPlace
 from jammkle_sim.robots.robot import AnkleFitting, attach_ankle
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from jammkle_sim.physics.ankle import AnkleParameters
-    from jammkle_sim.physics.sensors import SensorParameters
-    from jammkle_sim.robots.options import RobotOptions
+    from jammkle_sim.robots.ground import Building
     from jammkle_sim.robots.robot import AttachedAnkle
 
 
@@ -126,27 +129,20 @@ def toe_drop_m(ankle: AnkleParameters) -> float:
     return corner_m(ankle, ankle.toe_m)[1] - corner_m(half, ankle.toe_m)[1]
 
 
-@dataclass(frozen=True)
-class Fitting:
-    """What a limb is built with."""
-
-    limb: LimbParameters
-    ankle: AnkleParameters
-    sensors: SensorParameters
-    options: RobotOptions
-    base: str
-    """Body that carries the IMU, if that is on the body."""
-
-
 def add_limb(
-    spec: Any, parent: Any, fitting: Fitting, ankle_name: str, position_m: tuple[float, float, float], side: str = ""
+    building: Building,
+    limb: LimbParameters,
+    parent: Any,
+    ankle_name: str,
+    position_m: tuple[float, float, float],
+    side: str = "",
 ) -> AttachedAnkle:
     """Add thigh, shank, servos and ankle.
 
     Args:
-        spec: The mujoco.MjSpec.
+        building: The robot.
+        limb: Its sizes.
         parent: Body that the limb hangs on.
-        fitting: What it is built with.
         ankle_name: Name of its ankle.
         position_m: Of the hip, in the parent's frame.
         side: What the names of its bodies and joints begin with, as `lf_`.
@@ -155,7 +151,7 @@ def add_limb(
         The ankle, whose leg's joints are hip and knee, and the abduction if `parent` has one of that name.
 
     """
-    limb = fitting.limb
+    spec, options = building.spec, building.options
     thigh = add_segment(parent, f"{side}thigh", limb.thigh_m, limb.thigh_kg, limb.radius_m, position_m)
     add_servo(spec, thigh, f"{side}{HIP}", (0.0, 1.0, 0.0), limb, (-2.0, 2.5))
     shank = add_segment(thigh, f"{side}shank", limb.shank_m, limb.shank_kg, limb.radius_m, (0.0, 0.0, -limb.thigh_m))
@@ -166,15 +162,15 @@ def add_limb(
         shank.name,
         ankle_name,
         position_m=(0.0, 0.0, -limb.shank_m),
-        pitch_rad=limb.lean_rad(stance_back_m(fitting.ankle)),
+        pitch_rad=limb.lean_rad(stance_back_m(building.ankle)),
         fitting=AnkleFitting(
-            parameters=fitting.ankle,
-            friction=fitting.options.friction,
-            imu=ImuPlace(fitting.options.imu),
-            imu_body=fitting.base,
+            parameters=building.ankle,
+            friction=options.friction,
+            imu=ImuPlace(options.imu),
+            imu_body=building.base,
             leg_joints={joint: f"{side}{joint}" for joint in joints},
-            sensors=fitting.sensors,
-            rigid=fitting.options.ankle == AnkleKind.RIGID.value,
+            sensors=building.sensors,
+            rigid=options.ankle == AnkleKind.RIGID.value,
         ),
     )
 
@@ -241,6 +237,10 @@ class Gait:
     push_m: float = 0.0
     """How much further down a foot is asked to be while it stands."""
 
+    def grown(self, time_s: float) -> float:
+        """Return the share of its speed that a walk has come to, 0 to 1: it grows over the first period."""
+        return min(max((time_s - START_S) / self.period_s, 0.0), 1.0)
+
     def plan(self, time_s: float, phase: float) -> FootPlan:
         """Return what is planned of a foot.
 
@@ -267,7 +267,7 @@ class Gait:
         """
         if time_s < START_S:
             return 0.0, -self.push_m
-        grown = min((time_s - START_S) / self.period_s, 1.0)
+        grown = self.grown(time_s)
         speed_m_s = grown * self.speed_m_s
         at = self._phase(time_s, phase)
         half_m = speed_m_s * self.bearing_share * self.period_s / 2.0
@@ -284,3 +284,52 @@ class Gait:
 
     def _phase(self, time_s: float, phase: float) -> float:
         return ((time_s - START_S) / self.period_s + phase) % 1.0
+
+
+class LimbControl:
+    """What the controls of our robots have in common: servos, and a gait if they walk."""
+
+    def __init__(
+        self,
+        model: Any,
+        building: Building,
+        limb: LimbParameters,
+        servos: Sequence[str],
+        phases: Mapping[str, float],
+        bearing_share: float,
+        push_m: float = 0.0,
+    ) -> None:
+        """Know where the controls are.
+
+        Args:
+            model: The mujoco.MjModel.
+            building: The robot that it was made from.
+            limb: Sizes of every limb.
+            servos: Names of those that are controlled.
+            phases: By which share of a step's period the foot of an ankle is ahead, by its name.
+            bearing_share: As of `Gait`.
+            push_m: As of `Gait`.
+
+        """
+        options, ankle = building.options, building.ankle
+        self.walks = options.behaviour == Behaviour.WALK.value
+        self.gait = Gait(
+            options.speed_m_s,
+            options.step_period_s,
+            options.step_height_m + toe_drop_m(ankle),
+            options.touch_down_m_s,
+            bearing_share,
+            push_m,
+        )
+        self.servos = np.array([model.actuator(name).id for name in servos])
+        self.slope_rad = math.radians(options.slope_deg)
+        self.back_m = stance_back_m(ankle)
+        self._phases, self._lead_s = phases, limb.lag_s
+
+    def place_m(self, ankle: str, time_s: float) -> tuple[float, float]:
+        """Return how far forward and up, m, along the ground and off it, an ankle shall be of where it stands still."""
+        return self.gait.place_m(time_s + self._lead_s, self._phases[ankle]) if self.walks else (0.0, 0.0)
+
+    def plan(self, ankle: str, time_s: float) -> FootPlan | None:
+        """Return what the gait plans of a foot; None: the robot does not walk."""
+        return self.gait.plan(time_s, self._phases[ankle]) if self.walks else None

@@ -2,41 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.physics.constants import tendon_parameters
 from jammkle_sim.physics.engine import mujoco
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.physics.sensors import SensorParameters
-from jammkle_sim.rigs.model import HOLD, new_spec
-from jammkle_sim.rigs.options import checked
-from jammkle_sim.robots.ground import IMPEDANCE_RATIO, Ground, compiled_on, events_of
+from jammkle_sim.rigs.model import HOLD
+from jammkle_sim.robots.ground import Building
 from jammkle_sim.robots.limb import (
     ABDUCTION,
     HIP,
     KNEE,
-    Fitting,
-    Gait,
+    LimbControl,
     LimbParameters,
     abducted,
     add_limb,
     add_servo,
     stance_back_m,
-    toe_drop_m,
 )
-from jammkle_sim.robots.options import Behaviour, RobotOptions
-from jammkle_sim.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from jammkle_sim.rigs.rig import FootPlan
-    from jammkle_sim.robots.robot import AttachedAnkle
-
+    from jammkle_sim.robots.options import RobotOptions
+    from jammkle_sim.robots.robot import AttachedAnkle, Robot
 
 _TRUNK = "trunk"
 
@@ -84,127 +71,91 @@ class QuadrupedParameters:
     """Share of a trot's period for which a foot stands: two of them overlap."""
 
 
-class QuadrupedControl:
+class QuadrupedControl(LimbControl):
     """Targets of all twelve servos; legs hang down along gravity, the trunk is along the ground."""
 
-    def __init__(
-        self, model: Any, options: RobotOptions, parameters: QuadrupedParameters, ankle: AnkleParameters
-    ) -> None:
+    def __init__(self, model: Any, building: Building, parameters: QuadrupedParameters) -> None:
         """Know where the controls are.
 
         Args:
             model: The mujoco.MjModel.
-            options: What it does.
+            building: The quadruped that it was made from.
             parameters: Its sizes.
-            ankle: What it stands on, four times.
 
         """
-        self._back_m = stance_back_m(ankle)
+        servos = [f"{corner.leg}_{joint}" for corner in CORNERS for joint in (ABDUCTION, HIP, KNEE)]
+        phases = {corner.ankle: corner.phase for corner in CORNERS}
+        super().__init__(model, building, parameters.limb, servos, phases, parameters.bearing_share)
         self._parameters = parameters
-        slope_rad = math.radians(options.slope_deg)
-        self._down = (-math.sin(slope_rad), -math.cos(slope_rad))
-        self._walks = options.behaviour == Behaviour.WALK.value
-        self._gait = Gait(
-            options.speed_m_s,
-            options.step_period_s,
-            options.step_height_m + toe_drop_m(ankle),
-            options.touch_down_m_s,
-            parameters.bearing_share,
-        )
-        self._lead_s = parameters.limb.lag_s
-        self._phases = {corner.ankle: corner.phase for corner in CORNERS}
-        names = [f"{corner.leg}_{joint}" for corner in CORNERS for joint in (ABDUCTION, HIP, KNEE)]
-        self._servos = np.array([model.actuator(name).id for name in names])
 
     def command(self, time_s: float, data: Any) -> None:
         """Say where all servos shall be."""
-        data.ctrl[self._servos] = [
-            angle_rad for corner in CORNERS for angle_rad in self._angles_rad(corner, time_s + self._lead_s)
+        data.ctrl[self.servos] = [
+            angle_rad
+            for corner in CORNERS
+            for angle_rad in stance_rad(
+                self._parameters, corner, self.slope_rad, self.back_m, *self.place_m(corner.ankle, time_s)
+            )
         ]
-
-    def plan(self, ankle: str, time_s: float) -> FootPlan | None:
-        """Return what the trot plans of a foot; None: it does not walk."""
-        return self._gait.plan(time_s, self._phases[ankle]) if self._walks else None
-
-    def _angles_rad(self, corner: Corner, time_s: float) -> tuple[float, float, float]:
-        forward_m, up_m = self._gait.place_m(time_s, corner.phase) if self._walks else (0.0, 0.0)
-        forward, up = -self._down[1], self._down[0]  # level, in the trunk's frame
-        return stance_rad(
-            self._parameters, corner, self._down, forward_m - self._back_m * forward, up_m - self._back_m * up
-        )
 
 
 def stance_rad(
-    parameters: QuadrupedParameters, corner: Corner, down: tuple[float, float], forward_m: float, up_m: float
+    parameters: QuadrupedParameters,
+    corner: Corner,
+    slope_rad: float,
+    back_m: float,
+    forward_m: float = 0.0,
+    up_m: float = 0.0,
 ) -> tuple[float, float, float]:
     """Return abduction, hip and knee of a leg, rad.
 
     Args:
         parameters: Sizes.
         corner: Which leg.
-        down: Where gravity points, forward and up, in the trunk's frame.
+        slope_rad: Inclination of the ground, and of the trunk along it.
+        back_m: How far behind its hip, level, the ankle stands.
         forward_m: How far the ankle is forward of where it stands, along the ground.
         up_m: How far it is off the ground.
 
     """
+    down_forward, down_up = -math.sin(slope_rad), -math.cos(slope_rad)  # where gravity points in the trunk's frame
     offset_m, stance_m = corner.left * parameters.offset_m, parameters.limb.stance_m
-    place_m = (stance_m * down[0] + forward_m, offset_m, stance_m * down[1] + up_m)
+    place_m = (
+        stance_m * down_forward + (forward_m - back_m * -down_up),
+        offset_m,
+        stance_m * down_up + (up_m - back_m * down_forward),
+    )
     return abducted(parameters.limb.segments, offset_m, place_m)
 
 
-def quadruped(
-    options: RobotOptions, parameters: QuadrupedParameters | None = None, ankle: AnkleParameters | None = None
-) -> Robot:
+def quadruped(options: RobotOptions) -> Robot:
     """Build the quadruped.
 
     Args:
         options: What it does, where.
-        parameters: Its sizes; None: as they stand.
-        ankle: Constants of its ankles but for their pose, which is an option; None: as they stand.
 
     Raises:
         ParameterError: an option out of range.
 
     """
-    options = checked(options)
-    parameters = parameters or QuadrupedParameters()
-    ankle = dataclasses.replace(ankle or AnkleParameters(), hang_pitch_rad=math.radians(options.hang_pitch_deg))
-    back_m = stance_back_m(ankle)
-    sensors = SensorParameters(seed=options.seed)
-    ground = Ground.drawn(options.slope_deg, options.roughness_m, options.seed)
-    spec = new_spec("quadruped", options.timestep_s)
-    spec.option.impratio = IMPEDANCE_RATIO
-    ground.add_to(spec, ankle.contact_time_s)
-    trunk = _add_trunk(spec, parameters, options, ground.slope_rad)
-    fitting = Fitting(parameters.limb, ankle, sensors, options, _TRUNK)
-    ankles = tuple(_add_leg(spec, trunk, corner, parameters, fitting) for corner in CORNERS)
-    drop_m = 0.0
-    if options.behaviour in {Behaviour.DROP.value, Behaviour.HANG.value}:
-        drop_m = options.drop_height_m
-        _add_hold(spec, ankle.contact_time_s)
-    down = (-math.sin(ground.slope_rad), -math.cos(ground.slope_rad))
-    level = (-back_m * -down[1], -back_m * down[0])
+    parameters = QuadrupedParameters()
+    building = Building("quadruped", _TRUNK, options)
+    slope_rad = building.ground.slope_rad
+    trunk = _add_trunk(building.spec, parameters, options, slope_rad)
+    ankles = tuple(_add_leg(building, trunk, corner, parameters) for corner in CORNERS)
+    if building.is_held:
+        _add_hold(building.spec, building.ankle.contact_time_s)
     joints = {
         f"{corner.leg}_{joint}": angle_rad
         for corner in CORNERS
-        for joint, angle_rad in zip((ABDUCTION, HIP, KNEE), stance_rad(parameters, corner, down, *level), strict=True)
+        for joint, angle_rad in zip(
+            (ABDUCTION, HIP, KNEE),
+            stance_rad(parameters, corner, slope_rad, stance_back_m(building.ankle)),
+            strict=True,
+        )
     }
-    model = compiled_on(spec, trunk, ground, ankles, joints, drop_m)
-    tendon = tendon_parameters(options.parameter_set)
-    pneumatics = PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3)
-    return Robot(
-        name="quadruped",
-        spec=spec,
-        model=model,
-        ankles=ankles,
-        base=_TRUNK,
-        tendon=tendon,
-        pneumatics=pneumatics,
-        sensors=sensors,
-        control=QuadrupedControl(model, options, parameters, ankle),
-        events=events_of(options, ankles),
-        options=options,
-        parts={"ankle": ankle, "quadruped": parameters},
+    return building.finished(
+        ankles, joints, lambda model: QuadrupedControl(model, building, parameters), {"quadruped": parameters}
     )
 
 
@@ -222,7 +173,7 @@ def _add_trunk(spec: Any, parameters: QuadrupedParameters, options: RobotOptions
     return trunk
 
 
-def _add_leg(spec: Any, trunk: Any, corner: Corner, parameters: QuadrupedParameters, fitting: Fitting) -> AttachedAnkle:
+def _add_leg(building: Building, trunk: Any, corner: Corner, parameters: QuadrupedParameters) -> AttachedAnkle:
     limb, side = parameters.limb, f"{corner.leg}_"
     place_m = (corner.forward * parameters.forward_m, corner.left * parameters.left_m, 0.0)
     hip = trunk.add_body(name=f"{side}hip", pos=place_m)
@@ -234,8 +185,8 @@ def _add_leg(spec: Any, trunk: Any, corner: Corner, parameters: QuadrupedParamet
         contype=0,
         conaffinity=0,
     )
-    add_servo(spec, hip, f"{side}{ABDUCTION}", (1.0, 0.0, 0.0), limb, (-1.0, 1.0))
-    return add_limb(spec, hip, fitting, corner.ankle, (0.0, corner.left * parameters.offset_m, 0.0), side)
+    add_servo(building.spec, hip, f"{side}{ABDUCTION}", (1.0, 0.0, 0.0), limb, (-1.0, 1.0))
+    return add_limb(building, limb, hip, corner.ankle, (0.0, corner.left * parameters.offset_m, 0.0), side)
 
 
 def _add_hold(spec: Any, contact_time_s: float) -> None:

@@ -35,9 +35,7 @@ from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.kernels import LARGEST_SPEED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
+    from collections.abc import Iterable, Iterator
 
     from jammkle_sim.robots.robot import AttachedAnkle, Robot
 
@@ -156,7 +154,7 @@ class _Body:
         origin(joint, place_m, turn)
         ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=child)
-        ET.SubElement(joint, "axis", xyz=" ".join(_text(each) for each in model.jnt_axis[index]))
+        ET.SubElement(joint, "axis", xyz=_numbers(model.jnt_axis[index]))
         freedom = int(model.jnt_dofadr[index])
         damping, friction = _text(model.dof_damping[freedom]), _text(model.dof_frictionloss[freedom])
         ET.SubElement(joint, "dynamics", damping=damping, friction=friction)
@@ -212,6 +210,10 @@ def _largest_effort(model: Any, joint: int) -> float:
 
 def _text(value: float) -> str:
     return f"{float(value):.9g}"
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(map(_text, values))
 
 
 _JOINT_PREFIX = "ankle_"
@@ -313,9 +315,8 @@ def add_shapes(link: ET.Element, model: Any, body: int) -> None:
 
 def origin(parent: ET.Element, place_m: Any, turn: Any) -> None:
     """Add the origin of something: m, and roll, pitch, yaw about fixed axes, rad, from a quaternion (w, x, y, z)."""
-    xyz = " ".join(f"{float(value):.9g}" for value in place_m)
-    rpy = " ".join(f"{value + 0.0:.9g}" for value in _roll_pitch_yaw(turn))  # no -0
-    ET.SubElement(parent, "origin", xyz=xyz, rpy=rpy)
+    rpy = [value + 0.0 for value in _roll_pitch_yaw(turn)]  # no -0
+    ET.SubElement(parent, "origin", xyz=_numbers(place_m), rpy=_numbers(rpy))
 
 
 def _roll_pitch_yaw(turn: Any) -> tuple[float, float, float]:
@@ -339,7 +340,7 @@ def _add_geom(link: ET.Element, kind: str, model: Any, index: int) -> None:
         return
     else:
         return
-    text = {name: f"{float(value):.9g}" for name, value in sizes.items()}
+    text = {name: _text(value) for name, value in sizes.items()}
     _add(link, kind, model.geom_pos[index], model.geom_quat[index], words, text)
 
 
@@ -356,7 +357,7 @@ def _add_stand_in(link: ET.Element, model: Any, body: int) -> None:
     sites = [index for index in range(model.nsite) if int(model.site_bodyid[index]) == body]
     height_m = max((float(model.site_pos[index][2]) for index in sites), default=0.0)
     if height_m > 0.0:
-        sizes = {"radius": f"{_ROD_M:g}", "length": f"{height_m:.9g}"}
+        sizes = {"radius": f"{_ROD_M:g}", "length": _text(height_m)}
         _add(link, "visual", (0.0, 0.0, height_m / 2.0), STILL, "cylinder", sizes)
     elif model.body_mass[body] > 0.0:
         _add(link, "visual", (0.0, 0.0, 0.0), STILL, "sphere", {"radius": f"{_BALL_M:g}"})
@@ -369,10 +370,6 @@ def _add(link: ET.Element, kind: str, place_m: Any, turn: Any, shape: str, sizes
     if kind == "visual":
         name = "metal" if shape == "cylinder" else "printed"
         ET.SubElement(ET.SubElement(part, "material", name=name), "color", rgba=_TINTS[name])
-
-
-def _numbers(values: NDArray[np.float64]) -> str:
-    return " ".join(f"{float(value):.9g}" for value in values)
 
 
 VACUUM, STATE = "vacuum", "state"

@@ -12,7 +12,7 @@ from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
-from studies.contact.labelled import CLOCK_START_S, Drives, Estimator, LabelledRecording, read_body, read_leg, read_pose
+from studies.contact.labelled import CLOCK_START_S, LabelledRecording, read_body, read_leg, read_pose
 from studies.contact.robots import POSE_JOINTS, Keeper, leg_of_robot, slides_of
 from studies.contact.trial import detected_by_ours
 
@@ -79,19 +79,17 @@ def test_slips_of_a_quadruped_are_reported_with_odometry() -> None:
         keeper.keep(sample)
     chance = np.random.default_rng(1)
     for name, traces in keeper.traces().items():
-        legs = read_leg(traces.leg, 1000.0, Drives(), chance)
+        legs = read_leg(traces.leg, 1000.0, chance)
         (slide,) = (each for each in slides_of(traces) if each.begin_s > CLOCK_START_S + 0.55)
         recording = LabelledRecording(
-            name=name,
             mount="body",
             samples=[],
             touchdowns_s=(),
             liftoffs_s=(),
             slides=(slide,),
-            duration_s=0.9,
             legs=legs,
-            poses=read_pose(traces.pose, 1000.0, Drives(), legs, chance),
-            twists=read_body(traces.twist, 1000.0, Estimator(), chance),
+            poses=read_pose(traces.pose, 1000.0, legs, chance),
+            twists=read_body(traces.twist, 1000.0, chance),
             leg=leg_of_robot("quadruped", name),
         )
         reported_s = [

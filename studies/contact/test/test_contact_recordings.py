@@ -13,9 +13,8 @@ from jammkle_controller.core.events import ContactKind
 from jammkle_controller.core.stepping import learned, ratios_of
 from jammkle_controller.parameters import ControllerParameters
 from studies.contact.labelled import Slide, draw_imu, walk
-from studies.contact.learn import learn
 from studies.contact.real_foot import real_foot
-from studies.contact.relearn import cross_validated
+from studies.contact.relearn import cross_validated, learn
 from studies.contact.robots import Traces, contact_changes, of_the_body, recording_of
 from studies.contact.trial import Case, Score, run_case, score_slides, score_times, scored, wilson
 
@@ -117,7 +116,7 @@ def test_a_foot_that_rebounds_may_be_said_to_have_left() -> None:
     stands[200:240] = stands[600:900] = False
     zeros, chance = np.zeros((1000, 6)), np.random.default_rng(1)
     recording = recording_of(
-        "one", "shank", Traces(zeros, stands, zeros[:, 0], zeros[:, 0], zeros), draw_imu(chance), 0.1, chance
+        "shank", Traces(zeros, stands, zeros[:, 0], zeros[:, 0], zeros), draw_imu(chance), 0.1, chance
     )
     assert recording.liftoffs_s == pytest.approx([1.6])
     assert recording.leaves_s == pytest.approx([1.2, 1.6])
