@@ -17,7 +17,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, PressureSample, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeBoard, FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from jammkle_driver.core.air import AirSettings
-    from jammkle_driver.core.driver import DriverSettings
     from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.fake import Plant
 
@@ -123,19 +122,19 @@ _OF_THE_END = 0.9
 class FaultBench:
     """A driver on a plant, stepped by 10 ms; somebody jams and vents it at random, by service or by stream."""
 
-    def __init__(self, settings: DriverSettings, seed: int, build: PlantBuilder = fake_plant) -> None:
+    def __init__(self, parameters: DriverParameters, seed: int, build: PlantBuilder = fake_plant) -> None:
         """Build an ankle by `seed`, and activate its driver.
 
         Args:
-            settings: Of the driver.
+            parameters: Of the driver.
             seed: Of all that is random.
             build: Builds the ankle.
 
         """
         self.draw = random.Random(seed)  # noqa: S311 - a simulation and no secret
-        self.plant = build(settings.ankle.diagnosis.air, self.draw, seed)
+        self.plant = build(parameters.air(), self.draw, seed)
         self.board = FakeBoard(self.plant)
-        self.driver = Driver(CHANNELS, settings)
+        self.driver = Driver(CHANNELS, parameters)
         self.noisy = False
         self.late_samples = 0
         """How many periods late a reading comes at the most, with the stamp of when it came: a host that is busy."""
@@ -271,7 +270,7 @@ SET_POINT_PA = 50e3
 
 def bench_of(seed: int = 1, **parameters: Any) -> FaultBench:
     """Return an ankle by `seed` whose driver has these parameters."""
-    return FaultBench(DriverParameters(**parameters).settings(), seed)
+    return FaultBench(DriverParameters(**parameters), seed)
 
 
 def run(bench: FaultBench, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
@@ -294,7 +293,7 @@ def jammed_bench(**parameters: Any) -> FaultBench:
 
 def alarms(seed: int, duration_s: float, build: PlantBuilder = fake_plant) -> list[str]:
     """Jam and vent a healthy ankle for a while; return every fault that was reported."""
-    bench = FaultBench(DriverParameters().settings(), seed, build)
+    bench = FaultBench(DriverParameters(), seed, build)
     bench.rests = 0.1
     said: list[str] = []
     while bench.plant.time_s < duration_s:

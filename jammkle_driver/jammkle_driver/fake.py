@@ -178,7 +178,7 @@ class FakePlant:
     ) -> None:
         """Make a vented plant, pump off."""
         self._names = tuple(channels)
-        self._air = air
+        self.air = air
         self._ambient_pa = ambient_pa
         self._sensors = FakeSensors(sensors or SensorErrors(), seed)
         self.places = (MANIFOLD, *self._names)
@@ -196,16 +196,11 @@ class FakePlant:
     @property
     def pump_ultimate_vacuum_pa(self) -> float:
         """See `Plant`."""
-        return self._air.pump_ultimate_vacuum_pa
-
-    @property
-    def healthy_air(self) -> AirSettings:
-        """What the plant is built of, without faults."""
-        return replace(self._air)
+        return self.air.pump_ultimate_vacuum_pa
 
     def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
         """Take a command; a valve moves after its dead time."""
-        due_s = self.time_s + self._air.valve_dead_time_s + late_s
+        due_s = self.time_s + self.air.valve_dead_time_s + late_s
         self._wanted += [(due_s, name, energised) for name, energised in solenoids.items()]
         self._duty = duty
 
@@ -219,7 +214,7 @@ class FakePlant:
 
         """
         if fault is FakeFault.LEAK:
-            self._leaks[place] = self._air.leak_conductance_m3_s_pa + size
+            self._leaks[place] = self.air.leak_conductance_m3_s_pa + size
         elif fault is FakeFault.BLOCKED:
             self._lines[place] = size
         elif fault in {FakeFault.STUCK_OPEN, FakeFault.STUCK_CLOSED}:
@@ -231,7 +226,7 @@ class FakePlant:
 
     def heal(self) -> None:
         """Undo every fault."""
-        self._leaks = dict.fromkeys(self.places, self._air.leak_conductance_m3_s_pa)
+        self._leaks = dict.fromkeys(self.places, self.air.leak_conductance_m3_s_pa)
         self._lines = dict.fromkeys(self._names, 1.0)
         self._valves.clear()
         self._pump_share = 1.0
@@ -255,7 +250,7 @@ class FakePlant:
         return self._valves.get(channel, self._open[channel])
 
     def _step(self) -> None:
-        air, pressures = self._air, self.pressures_pa
+        air, pressures = self.air, self.pressures_pa
         manifold_pa = pressures[MANIFOLD]
         curve = max(1.0 - (self._ambient_pa - manifold_pa) / air.pump_ultimate_vacuum_pa, 0.0)
         into_manifold = -self._pump_share * self._duty * air.pump_free_flow_m3_s * curve * manifold_pa

@@ -8,16 +8,16 @@ from jammkle_common.messages import Health, Level
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState
-from jammkle_driver.core.link import link_numbers
+from jammkle_driver.core.watch import link_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_driver.core.air import AtmosphereStatus
+    from jammkle_driver.core.air import Atmosphere
     from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.driver import Driver, DriverStatus
+    from jammkle_driver.core.driver import Driver, DriverStatus, Trouble
     from jammkle_driver.core.hardware import LinkStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
@@ -25,49 +25,44 @@ _LINK_LEVELS = {LinkState.CONNECTED: Level.OK, LinkState.SEARCHING: Level.WARN, 
 
 
 def health_lines(
-    status: DriverStatus,
+    driver: Driver,
     lifecycle_state: str,
     refused_command: str,
     link: LinkStatus | None = None,
     commanders: Sequence[str] = (),
 ) -> tuple[Health, ...]:
-    """Return one line for the driver, one each for link, jam_command and manifold, and one per channel.
+    """Return one line each for driver, link, jam_command, manifold, channels, and for what is made of them.
 
     Args:
-        status: What is known of the driver.
+        driver: The driver.
         lifecycle_state: Label of the node's lifecycle state.
         refused_command: Why the last jam_command was refused; empty if it was taken, or none came.
         link: What is known of the hardware's other end; None where the driver is not configured.
         commanders: Names of the nodes that publish jam_command.
 
     """
+    status, ankle, estimate = driver.status, driver.ankle, driver.ankle.diagnosis.estimate
     return (
         _driver_line(status, lifecycle_state),
         *(() if link is None else (_link_line(link, status),)),
         _command_line(status, refused_command, commanders),
         _manifold_line(status),
-        *(_channel_line(channel) for channel in status.channels),
-    )
-
-
-def ankle_lines(driver: Driver) -> tuple[Health, ...]:
-    """Return one line each for the worst that is known, the atmosphere, the pump and the driver's own pace."""
-    status, ankle = driver.status, driver.ankle
-    trouble = status.trouble
-    level = Level.OK if trouble.reason is Reason.NONE else Level.ERROR if ankle.faulty else Level.WARN
-    values = {"action": trouble.action or "none", **trouble.values}
-    said = f"{trouble.reason.name}: {trouble.text}; action: {trouble.action}" if trouble.text else "none"
-    estimate = ankle.diagnosis.estimate
-    return (
-        Health("fault", level, said, values),
-        _atmosphere_line(ankle.atmosphere.status),
+        *map(_channel_line, status.channels),
+        _fault_line(status.trouble, Level.ERROR if ankle.faulty else Level.WARN),
+        _atmosphere_line(ankle.atmosphere),
         _pump_line(ankle, estimate),
         *_leak_lines(ankle, estimate),
         _pace_line(driver),
     )
 
 
-def _atmosphere_line(air: AtmosphereStatus) -> Health:
+def _fault_line(trouble: Trouble, level: Level) -> Health:
+    said = f"{trouble.reason.name}: {trouble.text}; action: {trouble.action}" if trouble.text else "none"
+    values = {"action": trouble.action or "none", **trouble.values}
+    return Health("fault", Level.OK if trouble.reason is Reason.NONE else level, said, values)
+
+
+def _atmosphere_line(air: Atmosphere) -> Health:
     values = {
         "atmosphere (Pa)": f"{air.pressure_pa:.0f}",
         "ambient_pressure_pa (Pa)": f"{air.declared_pa:.0f}",
@@ -89,7 +84,7 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
         "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
         "ultimate vacuum (share of declared)": f"{estimate.pump_end_share:.2f}",
         "resting": "yes" if ankle.resting else "no",
-        "stored vacuum wanted (Pa)": f"{ankle.settings.regulator.stored_vacuum_pa:.0f}",
+        "stored vacuum wanted (Pa)": f"{ankle.parameters.reservoir_vacuum_pa:.0f}",
     }
     if load.limited:
         return Health("pump", Level.WARN, "spared: its mean duty is at pump_rated_duty; look for a leak", values)

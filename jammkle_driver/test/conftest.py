@@ -11,7 +11,7 @@ from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -28,9 +28,8 @@ class Rig:
 
     def __init__(self, **parameters: float) -> None:
         self.now = Instant(10.0, 100.0)
-        self.driver = Driver(
-            CHANNELS, DriverParameters(**{"diagnose": False, "fault_policy": "channel", **parameters}).settings()
-        )
+        given = {"diagnose": False, "fault_policy": "channel", **parameters}
+        self.driver = Driver(CHANNELS, DriverParameters(**given))
 
     def active(self) -> Rig:
         self.driver.activate(self.now)

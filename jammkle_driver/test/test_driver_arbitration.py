@@ -14,7 +14,7 @@ from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 
 if TYPE_CHECKING:
     from collections.abc import Callable

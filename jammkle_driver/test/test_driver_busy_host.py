@@ -18,7 +18,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 
@@ -61,7 +61,7 @@ class Host:
     """Runs a driver with too little time: its board and plant go on, and their messages wait, each in its queue."""
 
     def __init__(self, seed: int, starved: Starved) -> None:
-        self.bench = FaultBench(DriverParameters().settings(), seed)
+        self.bench = FaultBench(DriverParameters(), seed)
         self._draw = random.Random(seed)  # noqa: S311 - when a host is busy is no secret
         self._starved = starved
         self._queues = {place: deque[Any](maxlen=_QUEUE) for place in ("driven", MANIFOLD, *CHANNELS)}
@@ -189,7 +189,7 @@ class AskedBoard:
     """A driver that ticks on time, and a board that is asked; its answers come or not."""
 
     def __init__(self) -> None:
-        self.driver = Driver(CHANNELS, DriverParameters().settings())
+        self.driver = Driver(CHANNELS, DriverParameters())
         self.driver.activate(Instant(0.0, 0.0))
         self.link = LinkStatus(LinkState.CONNECTED)
         self._ticks = 0

@@ -137,7 +137,7 @@ def test_a_pump_that_ends_at_another_vacuum_than_declared_is_healthy(end_pa: flo
         air = replace(declared, pump_ultimate_vacuum_pa=end_pa)
         return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
-    bench = FaultBench(DriverParameters().settings(), 1, lower)
+    bench = FaultBench(DriverParameters(), 1, lower)
     for vacuum_pa in (60e3, 40e3, 60e3):
         run(bench, 1.0)
         bench.driver.jam((), vacuum_pa, "test")
@@ -229,7 +229,7 @@ def test_a_valve_that_stays_closed_is_no_stuck_sensor(flow_share: float) -> None
         air = replace(declared, pump_free_flow_m3_s=flow_share * declared.pump_free_flow_m3_s)
         return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
-    bench = FaultBench(DriverParameters().settings(), 0, weaker)
+    bench = FaultBench(DriverParameters(), 0, weaker)
     run(bench, 1.0)
     bench.plant.inject(FakeFault.STUCK_CLOSED, "achilles")
     bench.driver.jam((), SET_POINT_PA, "test")

@@ -19,7 +19,7 @@ from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant, OverloadWatch
+from jammkle_driver.core.watch import Instant, OverloadWatch
 from jammkle_driver.fake import FakeFault, LinkFault, ScriptError, read_script
 from jammkle_driver.parameters import DriverParameters
 
@@ -41,7 +41,7 @@ def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
 
     run(bench, 6.0, watch)
     assert sum(resting) > 0.6 * len(resting)
-    air = bench.plant.healthy_air
+    air = bench.plant.air
     reported = bench.driver.ankle.leaks.latest
     assert reported is not None
     assert reported.connected == set(CHANNELS)
@@ -61,7 +61,7 @@ def test_the_leak_of_a_channel_is_reported_once_it_is_connected_alone() -> None:
         bench.driver.unjam((), "test")
         run(bench, 1.0)
     alone = bench.driver.ankle.leaks.alone
-    healthy = bench.plant.healthy_air.leak_conductance_m3_s_pa
+    healthy = bench.plant.air.leak_conductance_m3_s_pa
     assert alone["achilles"].conductance_m3_s_pa == pytest.approx(2e-12 + 2.0 * healthy, rel=0.1)
     for channel in ("peroneal_left", "peroneal_right"):
         assert alone[channel].conductance_m3_s_pa == pytest.approx(2.0 * healthy, rel=0.1)
@@ -69,8 +69,7 @@ def test_the_leak_of_a_channel_is_reported_once_it_is_connected_alone() -> None:
 
 def test_a_pump_that_works_too_long_is_spared() -> None:
     """Full duty is free for a while; the mean duty then stays at what the pump is rated for."""
-    settings = replace(DriverParameters().settings().ankle.regulator, rated_duty=0.5, thermal_time_s=10.0)
-    load = PumpLoad(settings)
+    load = PumpLoad(DriverParameters(pump_rated_duty=0.5, pump_thermal_time_s=10.0))
     given_duty = [load.spare(1.0, 0.1) for _ in range(1000)]
     assert given_duty[:60] == [1.0] * 60
     assert load.limited
@@ -269,7 +268,7 @@ def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
         run(bench, 2.0)
         vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa["achilles"]
         assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)
-        assert bench.driver.status.atmosphere.doubtful
+        assert bench.driver.ankle.atmosphere.doubtful
 
 
 def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,7 +277,7 @@ def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch
     true_pa, measure, air = bench.plant.pressures_pa["achilles"], bench.driver.measure, bench.driver.ankle.atmosphere
 
     def measured(sample: PressureSample, now: Instant) -> None:
-        counted_pa = air.status.declared_pa - (true_pa - sample.pressure_pa)
+        counted_pa = air.declared_pa - (true_pa - sample.pressure_pa)
         measure(replace(sample, pressure_pa=counted_pa, counted=True), now)
 
     def jammed() -> None:
@@ -293,7 +292,7 @@ def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch
         run(bench, 2.0, jammed)
         assert true_pa - bench.plant.pressures_pa["achilles"] == pytest.approx(SET_POINT_PA, abs=1500.0)
         assert air.pressure_pa == pytest.approx(declared_pa, abs=500.0)
-        assert not air.status.doubtful
+        assert not air.doubtful
     bench.driver.unjam((), "test")
     bench.driver.ankle.declare_atmosphere(101e3, bench.now)
     run(bench, 2.0)
@@ -310,7 +309,7 @@ def test_two_vented_channels_outweigh_a_parameter_and_a_third(readings: list[flo
             air.read(name, reading_pa, 0.01, vented=True)
     ordered = sorted(readings)
     agree = min(ordered[1] - ordered[0], ordered[2] - ordered[1]) <= 1500.0
-    assert air.status.measured is agree
+    assert air.measured is agree
     assert ordered[0] <= air.pressure_pa <= ordered[2] if agree else air.pressure_pa == declared_pa
 
 
@@ -336,18 +335,18 @@ def test_late_work_is_reported() -> None:
     watch = OverloadWatch(0.05)
     for count in range(100):
         assert watch.tick(count * 0.05) == 0.0
-    assert not watch.status(5.0).overloaded
+    assert not watch.overloaded
     assert watch.tick(4.95 + 1.5) == pytest.approx(1.5)
-    assert watch.status(6.5).overloaded
+    assert watch.overloaded
     for count in range(100):
         watch.tick(6.45 + count * 0.1)
-    assert watch.status(20.0).overloaded
-    assert watch.status(20.0).late_s == pytest.approx(0.05, abs=0.005)
+    assert watch.overloaded
+    assert watch.late_s == pytest.approx(0.05, abs=0.005)
 
 
 def test_a_change_of_clocks_is_no_standstill() -> None:
     """A simulation is replaced: in step with it, on the machine's own clock until the next one asks, in step again."""
-    driver = Driver(CHANNELS, DriverParameters().settings())
+    driver = Driver(CHANNELS, DriverParameters())
     for steady_s in ((8.05, 8.1), (50000.0, 50000.05), (0.1, 0.15)):
         driver.follow_another_clock()
         for each in steady_s:

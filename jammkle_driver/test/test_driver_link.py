@@ -17,7 +17,7 @@ from jammkle_driver.board.line import Line, LineError
 from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
-from jammkle_driver.core.link import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
+from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
 from jammkle_driver.hardware import HardwareContext, check_hardware, check_parameters, make_hardware
 from jammkle_driver.parameters import DriverParameters
 

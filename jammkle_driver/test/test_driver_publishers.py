@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_driver.core.requests import EmergencyStop, Publication, RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 
 if TYPE_CHECKING:
     from collections.abc import Callable

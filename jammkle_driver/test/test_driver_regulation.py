@@ -17,7 +17,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.regulator import PumpRegulator
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
@@ -39,7 +39,7 @@ class Bench(FaultBench):
             return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
 
         given = {"diagnose": False, "fault_policy": "channel", **parameters}
-        super().__init__(DriverParameters(**given).settings(), 1, as_declared)
+        super().__init__(DriverParameters(**given), 1, as_declared)
         self.run(0.05)
 
     def run(self, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
@@ -192,7 +192,7 @@ def test_a_channel_that_joins_costs_the_others_no_fault(vacuum_pa: float) -> Non
 )
 def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
     """A channel that stays off its set point for jam_timeout_s, on whatever side, is in FAULT and not before."""
-    driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False).settings())
+    driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False))
     driver.activate(Instant(0.0, 0.0))
     driver.measure(PressureSample("left", STANDARD_ATMOSPHERE_PA, 0.0), Instant(0.0, 0.0))
     driver.jam((), 40e3, "test")
@@ -256,7 +256,7 @@ def test_duty_is_bounded_and_does_not_wind_up(
     readings: list[tuple[float, float | None, float]], set_point_pa: float
 ) -> None:
     """Whatever is measured, duty stays in 0 to 1, and falls to 0 at once when there is 10 kPa too much."""
-    regulator = PumpRegulator(DriverParameters().settings().ankle.regulator)
+    regulator = PumpRegulator(DriverParameters())
     for channel_pa, manifold_pa, elapsed_s in readings:
         assert 0.0 <= regulator.update(set_point_pa, channel_pa, manifold_pa, elapsed_s) <= 1.0
     assert regulator.update(set_point_pa, set_point_pa + 10e3, None, SAMPLE_S) == 0.0

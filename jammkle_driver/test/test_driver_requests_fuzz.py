@@ -15,7 +15,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, SafeCause, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import DriverParameters
 from malformed import NAME, NAMES, PASCALS
 
@@ -30,7 +30,7 @@ class Requests(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.driver = Driver(CHANNELS, DriverParameters().settings())
+        self.driver = Driver(CHANNELS, DriverParameters())
         self.now = Instant(0.0, 0.0)
         self.driver.activate(self.now)
 

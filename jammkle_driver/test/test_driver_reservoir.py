@@ -19,7 +19,7 @@ FILLED_S = 4.0
 
 
 def bench_with(reservoir_m3: float, seed: int = 1) -> FaultBench:
-    bench = FaultBench(DriverParameters(reservoir_volume_m3=reservoir_m3).settings(), seed)
+    bench = FaultBench(DriverParameters(reservoir_volume_m3=reservoir_m3), seed)
     bench.asks = False
     return bench
 

@@ -13,7 +13,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant, Watchdog
+from jammkle_driver.core.watch import Instant, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,7 +24,7 @@ from jammkle_controller.recordings import Received, feed
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample
 from jammkle_driver.core.requests import SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_sim.parameters import RobotParameters
 
@@ -165,7 +165,7 @@ class AnkleLoop:
         self._leg = (controller.hip_joint, controller.knee_joint) if controller.use_efforts else None
         self._above = (leg.abduction if leg else "", controller.hip_joint, controller.knee_joint)
         self._body = body if controller.use_odometry else None
-        self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
+        self.driver = Driver(CHANNELS, driver or DriverParameters())
         self.events: list[ContactEvent] = []
         self.commands: list[tuple[int, dict[str, float]]] = []
         """Every jam_command: its stamp, ns, and the vacuum by channel, Pa."""
@@ -277,8 +277,8 @@ class AnkleLoop:
             self._say()
 
     def _say(self) -> None:
-        status = self.driver.status
-        self._said = Stored(max(status.manifold_vacuum_pa or 0.0, 0.0), status.reservoir_volume_m3)
+        stored_pa = self.driver.ankle.manifold_vacuum_pa
+        self._said = Stored(max(stored_pa or 0.0, 0.0), self.driver.parameters.reservoir_volume_m3)
 
     def _acknowledge(self, time_ns: int) -> None:
         """Let the simulated board say what it does."""

@@ -57,7 +57,7 @@ class SoakResult:
 
 def soak(duration_s: float, seed: int) -> SoakResult:
     """Jam and vent while something fails every few seconds, is reported or not, and is repaired."""
-    bench = FaultBench(DriverParameters().settings(), seed)
+    bench = FaultBench(DriverParameters(), seed)
     draw, missed = bench.draw, []
     faults = reported = 0
     base_kib = None

@@ -91,7 +91,7 @@ def inject(
     seed: int, reason: Reason, build: PlantBuilder = fake_plant, parameters: DriverParameters | None = None
 ) -> Outcome:
     """Let one thing fail in one ankle, and read what the driver, with its own defaults or these parameters, says."""
-    bench = FaultBench((parameters or DriverParameters()).settings(), seed, build)
+    bench = FaultBench(parameters or DriverParameters(), seed, build)
     draw = bench.draw
     bench.streams = reason in {Reason.COMMANDS_STALE, Reason.EXECUTOR_OVERLOADED}
     place = _place(reason, draw)

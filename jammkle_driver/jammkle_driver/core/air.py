@@ -161,9 +161,8 @@ _FOLLOW_S = 1.0
 """Time in which the estimate follows what is read, s."""
 
 
-@dataclass(frozen=True)
-class AtmosphereStatus:
-    """What is known of the atmosphere.
+class Atmosphere:
+    """Weighs the parameter against the sensors: two vented channels that agree are believed more than one number.
 
     Attributes:
         pressure_pa: Pressure from which vacuum is counted, Pa absolute.
@@ -172,37 +171,19 @@ class AtmosphereStatus:
 
     """
 
-    pressure_pa: float
-    declared_pa: float
-    measured: bool
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the parameter cannot be right."""
-        return self.measured and abs(self.declared_pa - self.pressure_pa) > DOUBT_PA
-
-
-class Atmosphere:
-    """Weighs the parameter against the sensors: two vented channels that agree are believed more than one number.
-
-    Attributes:
-        pressure_pa: Pressure from which vacuum is counted, Pa absolute.
-
-    """
-
     def __init__(self, channels: Sequence[str], declared_pa: float) -> None:
         """Believe the parameter until channels have been vented for a while."""
         # Nothing was ever drawn from channels of a driver that has just begun: they need not vent first.
         self._vented_s = dict.fromkeys(channels, VENTED_FOR_S - _FIRST_LOOK_S)
         self._readings_pa: dict[str, float] = {}
-        self._declared_pa = declared_pa
+        self.declared_pa = declared_pa
         self.pressure_pa = declared_pa
-        self._measured = False
+        self.measured = False
 
     @property
-    def status(self) -> AtmosphereStatus:
-        """What is known now."""
-        return AtmosphereStatus(self.pressure_pa, self._declared_pa, self._measured)
+    def doubtful(self) -> bool:
+        """Whether the parameter cannot be right."""
+        return self.measured and abs(self.declared_pa - self.pressure_pa) > DOUBT_PA
 
     def declare(self, pressure_pa: float, counted: AbstractSet[str] = frozenset()) -> None:
         """Take what the parameter says now; it counts where nothing was measured.
@@ -213,11 +194,11 @@ class Atmosphere:
                 atmosphere. Where all are, the estimate goes along, and keeps what it has learned of their zero.
 
         """
-        step_pa = pressure_pa - self._declared_pa
-        self._declared_pa = pressure_pa
+        step_pa = pressure_pa - self.declared_pa
+        self.declared_pa = pressure_pa
         for channel in counted & self._readings_pa.keys():
             self._readings_pa[channel] += step_pa
-        if not self._measured:
+        if not self.measured:
             self.pressure_pa = pressure_pa
         elif counted >= self._vented_s.keys():
             self.pressure_pa += step_pa
@@ -234,9 +215,9 @@ class Atmosphere:
         if len(agreed) < min(2, len(self._vented_s)):
             return
         target_pa = sum(agreed) / len(agreed)
-        share = min(elapsed_s / _FOLLOW_S, 1.0) if self._measured else 1.0
+        share = min(elapsed_s / _FOLLOW_S, 1.0) if self.measured else 1.0
         self.pressure_pa += share * (target_pa - self.pressure_pa)
-        self._measured = True
+        self.measured = True
 
 
 SHORTEST_S = 0.25

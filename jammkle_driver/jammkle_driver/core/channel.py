@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from jammkle_driver.core.faults import Finding
+    from jammkle_driver.parameters import DriverParameters
 
 _LONGEST_STEP_S = 0.1
 """Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
@@ -32,26 +33,6 @@ class ChannelState(enum.Enum):
     """Solenoid released, vacuum still above what was asked for."""
     FAULT = 5
     """Does not follow; released until the fault is cleared."""
-
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """When a channel counts as jammed, vented or failed.
-
-    Attributes:
-        tolerance_pa: Distance from the set point within which a channel is JAMMED, and above which it vents, Pa.
-        hysteresis_pa: How far above `vented_vacuum_pa` it must go to leave UNJAMMED again, Pa.
-        vented_vacuum_pa: Vacuum below which a channel counts as vented, Pa.
-        jam_timeout_s: Longest time that a channel with a set point may be anything but JAMMED, s.
-        vent_timeout_s: Longest time that a channel without a set point may be VENTING, s.
-
-    """
-
-    tolerance_pa: float
-    hysteresis_pa: float
-    vented_vacuum_pa: float
-    jam_timeout_s: float
-    vent_timeout_s: float
 
 
 @dataclass(frozen=True)
@@ -92,10 +73,10 @@ class Channel:
 
     """
 
-    def __init__(self, name: str, settings: ChannelSettings) -> None:
+    def __init__(self, name: str, parameters: DriverParameters) -> None:
         """Make a disabled channel about which nothing is known."""
         self.name = name
-        self._settings = settings
+        self._parameters = parameters
         self._enabled = False
         self.state = ChannelState.UNKNOWN
         self.set_point_pa = 0.0
@@ -114,7 +95,7 @@ class Channel:
         if not self.energised or self._held or self.vacuum_pa is None:
             return 0.0
         excess_pa = self.vacuum_pa - self.set_point_pa
-        return excess_pa if excess_pa > self._settings.tolerance_pa else 0.0
+        return excess_pa if excess_pa > self._parameters.tolerance_pa else 0.0
 
     @property
     def status(self) -> ChannelStatus:
@@ -230,13 +211,13 @@ class Channel:
     def _observed(self) -> ChannelState:
         if not self._enabled or self.vacuum_pa is None:
             return ChannelState.UNKNOWN
-        settings = self._settings
+        parameters = self._parameters
         if self.set_point_pa == 0.0:
-            slack_pa = settings.hysteresis_pa if self.state is ChannelState.UNJAMMED else 0.0
-            vented = self.vacuum_pa <= settings.vented_vacuum_pa + slack_pa
+            slack_pa = parameters.hysteresis_pa if self.state is ChannelState.UNJAMMED else 0.0
+            vented = self.vacuum_pa <= parameters.vented_vacuum_pa + slack_pa
             return ChannelState.UNJAMMED if vented else ChannelState.VENTING
         error_pa = self.vacuum_pa - self.set_point_pa
-        if abs(error_pa) <= settings.tolerance_pa:
+        if abs(error_pa) <= parameters.tolerance_pa:
             return ChannelState.JAMMED
         return ChannelState.JAMMING if error_pa < 0.0 else ChannelState.VENTING
 
@@ -246,23 +227,19 @@ class Channel:
             self._in_state_s = 0.0
 
     def _check_time(self) -> None:
-        settings = self._settings
-        if self._missed_s > settings.jam_timeout_s:
-            self._give_up(
-                Reason.NOT_REACHED,
-                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
-                "(jam_timeout_s)",
+        longest_jam_s, longest_vent_s = self._parameters.longest_jam_s, self._parameters.vent_timeout_s
+        if self._missed_s > longest_jam_s:
+            seen = (
+                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {longest_jam_s:g} s "
+                "(jam_timeout_s)"
             )
-        elif (
-            self.set_point_pa == 0.0
-            and self.state is ChannelState.VENTING
-            and self._in_state_s > settings.vent_timeout_s
-        ):
-            self._give_up(
-                Reason.NOT_VENTED,
+            self._give_up(Reason.NOT_REACHED, seen)
+        elif self.set_point_pa == 0.0 and self.state is ChannelState.VENTING and self._in_state_s > longest_vent_s:
+            seen = (
                 f"still at {self.vacuum_pa:.0f} Pa, wanted {self.set_point_pa:.0f} Pa, after venting for "
-                f"{settings.vent_timeout_s:g} s (vent_timeout_s)",
+                f"{longest_vent_s:g} s (vent_timeout_s)"
             )
+            self._give_up(Reason.NOT_VENTED, seen)
 
     def _give_up(self, reason: Reason, seen: str) -> None:
         self.fail(finding(reason, self.name, seen, missed(self.status)).to_clear())

@@ -21,7 +21,7 @@ from jammkle_driver.core.hardware import MANIFOLD
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from jammkle_driver.core.air import AirSettings, AtmosphereStatus
+    from jammkle_driver.core.air import AirSettings, Atmosphere
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.hardware import ActuatorCommand
     from jammkle_driver.core.hypotheses import Hypothesis
@@ -182,27 +182,15 @@ _LONGEST_GAP_S = 2.0
 """Time without readings beyond which the filters begin anew, s."""
 
 
-@dataclass(frozen=True)
-class DiagnosisSettings:
-    """What the diagnosis goes by.
-
-    Attributes:
-        air: The ankle as built.
-
-    """
-
-    air: AirSettings
-
-
 class Diagnosis:
     """Takes readings of one ankle with what was driven, and says what has failed."""
 
-    def __init__(self, channels: Sequence[str], settings: DiagnosisSettings, ambient_pa: float) -> None:
+    def __init__(self, channels: Sequence[str], air: AirSettings, ambient_pa: float) -> None:
         """Begin with a vented ankle."""
         self._channels = tuple(channels)
         self._places = (MANIFOLD, *self._channels)
-        self._settings = settings
-        self._bank = FilterBank(settings.air, ambient_pa)
+        self._air = air
+        self._bank = FilterBank(air, ambient_pa)
         self._heat = HeatMeter(len(self._places))
         self._freshness = Freshness()
         self.clear(ambient_pa)
@@ -244,7 +232,7 @@ class Diagnosis:
         self._heat.reset()
         self._leading_s = 0.0
 
-    def check_range(self, place: str, pressure_pa: float, air: AtmosphereStatus) -> Finding | None:
+    def check_range(self, place: str, pressure_pa: float, air: Atmosphere) -> Finding | None:
         """Take one reading, Pa absolute, finite, at once: that it is none that any pressure can be needs no time.
 
         Returns:
@@ -254,7 +242,7 @@ class Diagnosis:
         if place in self._known:
             return None
         ambient_pa = air.pressure_pa
-        least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
+        least_pa = ambient_pa - self._air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
         most_pa = ambient_pa + OUT_OF_RANGE_PA
         inside = least_pa <= pressure_pa <= most_pa
         self._strange[place] = 0 if inside else self._strange[place] + 1
@@ -304,7 +292,7 @@ class Diagnosis:
 
     def _step(self, moment: Moment, duration_s: float, ambient_pa: float) -> Step:
         stamp_s, driven = moment.stamp_s, moment.driven
-        acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
+        acts_s = stamp_s - self._air.valve_dead_time_s - 0.5 * duration_s
         acting = ([command for since_s, command in driven if since_s <= acts_s] or [driven[0][1]])[-1]
         thawing_s, thawed_s = self._thawed
         lately_s = thawing_s if stamp_s < thawed_s + SWITCHING_S else stamp_s - SWITCHING_S

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from jammkle_common.names import WAY_BACK
-from jammkle_driver.core.ankle import Ankle, FaultPolicy, SafeState
+from jammkle_driver.core.ankle import Ankle
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
 from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, PressureSample, released
-from jammkle_driver.core.link import BOARD, LinkGuard, NoiseMeter, RestartWatch, SensorWatch, link_numbers
 from jammkle_driver.core.requests import (
     ONLY_PUBLISHER,
     CommandStreams,
@@ -24,38 +23,23 @@ from jammkle_driver.core.requests import (
     checked_set_points,
     checked_vacuum,
 )
-from jammkle_driver.core.watchdog import OverloadStatus, OverloadWatch
+from jammkle_driver.core.watch import (
+    BOARD,
+    LinkGuard,
+    NoiseMeter,
+    OverloadWatch,
+    RestartWatch,
+    SensorWatch,
+    link_numbers,
+)
+from jammkle_driver.parameters import TICK_PERIOD_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from jammkle_driver.core.air import AtmosphereStatus
-    from jammkle_driver.core.ankle import AnkleSettings
     from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.requests import VacuumLimits
-    from jammkle_driver.core.watchdog import Instant
-
-
-@dataclass(frozen=True)
-class DriverSettings:
-    """What a driver goes by.
-
-    Attributes:
-        limits: Vacuum that may be asked for.
-        ankle: What channels, pump and diagnosis go by.
-        command_timeout_s: Silence after which what a stream of set points jammed is let go, s.
-        pressure_timeout_s: Silence after which a pressure counts as not measured, s.
-        emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
-        tick_period_s: Time between two calls of `Driver.tick`, s.
-
-    """
-
-    limits: VacuumLimits
-    ankle: AnkleSettings
-    command_timeout_s: float
-    pressure_timeout_s: float
-    emergency_stop_timeout_s: float
-    tick_period_s: float
+    from jammkle_driver.core.watch import Instant
+    from jammkle_driver.parameters import DriverParameters
 
 
 @dataclass(frozen=True)
@@ -86,15 +70,12 @@ class DriverStatus:
         manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
         channels: One status per channel, in the driver's order.
         trouble: The worst that is known of the whole ankle.
-        limits: Vacuum that may be asked for; None where nobody asks.
-        atmosphere: What vacuum is counted from; None where nobody asks.
         held: Whether solenoids are kept as they were, the pump off.
         line_noise: What is wrong with the line to the board; None where nothing is.
         restarted: That the board has started anew a while ago; None where it has not.
         stop_publishers: How many publishers of emergency_stop there are that have said anything.
         stop_asked_by: How many of them said true last.
         commanders: How many publish jam_command now.
-        reservoir_volume_m3: Of the reservoir at the manifold; 0: none.
 
     """
 
@@ -103,15 +84,12 @@ class DriverStatus:
     manifold_vacuum_pa: float | None
     channels: tuple[ChannelStatus, ...]
     trouble: Trouble = Trouble()
-    limits: VacuumLimits | None = None
-    atmosphere: AtmosphereStatus | None = None
     held: bool = False
     line_noise: Finding | None = None
     restarted: Finding | None = None
     stop_publishers: int = 0
     stop_asked_by: int = 0
     commanders: int = 0
-    reservoir_volume_m3: float = 0.0
 
 
 INACTIVE = "driver is not active"
@@ -125,25 +103,24 @@ class Driver:
     vacuum, since they share one manifold.
 
     Attributes:
-        limits: Vacuum that may be asked for.
+        parameters: What it goes by; those that may change while it runs may be replaced.
         ankle: The ankle, to look at.
+        own_pace: Whether the driver itself keeps up.
 
     """
 
-    def __init__(self, channels: Sequence[str], settings: DriverSettings) -> None:
+    def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
         """Make an inactive driver: everything released."""
         self._names = tuple(channels)
-        self._settings = settings
-        self.limits = settings.limits
-        self.ankle = Ankle(self._names, settings.ankle)
-        self._streams = CommandStreams(settings.command_timeout_s)
-        self._sensors = SensorWatch(self._names, settings.pressure_timeout_s, settings.tick_period_s)
-        self._emergency_stop = EmergencyStop(settings.emergency_stop_timeout_s)
-        self._overload = OverloadWatch(settings.tick_period_s)
+        self.parameters = parameters
+        self.ankle = Ankle(self._names, parameters)
+        self._streams = CommandStreams(parameters.command_timeout_s)
+        self._sensors = SensorWatch(self._names, parameters.pressure_timeout_s, TICK_PERIOD_S)
+        self._emergency_stop = EmergencyStop(parameters.emergency_stop_timeout_s)
+        self.own_pace = OverloadWatch(TICK_PERIOD_S)
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
         self._restarts = RestartWatch()
-        self._steady_s = 0.0
         self._ticked_s: float | None = None
         self._active = False
         self._stopped = False
@@ -153,10 +130,6 @@ class Driver:
         self._plant_paused = False
         self._line_noise: Finding | None = None
         self._restarted: Finding | None = None
-
-    def limit(self, limits: VacuumLimits) -> None:
-        """Take new limits; what was asked before stays."""
-        self.limits = limits
 
     @property
     def command(self) -> ActuatorCommand:
@@ -177,15 +150,12 @@ class Driver:
             manifold_vacuum_pa=ankle.manifold_vacuum_pa,
             channels=tuple(channel.status for channel in ankle.channels.values()),
             trouble=self._trouble,
-            limits=self.limits,
-            atmosphere=ankle.atmosphere.status,
             held=ankle.held,
             line_noise=self._line_noise,
             restarted=self._restarted,
             stop_publishers=self._emergency_stop.publishers,
             stop_asked_by=self._emergency_stop.asked_by,
             commanders=self._streams.speaking,
-            reservoir_volume_m3=ankle.settings.diagnosis.air.reservoir_volume_m3,
         )
 
     @property
@@ -197,14 +167,9 @@ class Driver:
             self._emergency_stop.reason,
             self._streams.speaking,
             self._trouble.reason,
-            self.limits,
+            self.parameters.default_vacuum_pa,
             *channels,
         )
-
-    @property
-    def own_pace(self) -> OverloadStatus:
-        """What is known of the driver's own pace."""
-        return self._overload.status(self._steady_s)
 
     def activate(self, now: Instant) -> None:
         """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
@@ -242,7 +207,7 @@ class Driver:
 
         """
         names = checked_channels(channels, self._names)
-        vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
+        vacuum_pa = checked_vacuum(vacuum_pa, self.parameters)
         check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board=self._why_not_ready)
         check_able(self.ankle, names)
         set_points = [SetPoint(name, vacuum_pa) for name in names]
@@ -298,7 +263,7 @@ class Driver:
         stream = self._streams.of(set_points, publication, now)
         if stream is None:
             return
-        checked = checked_set_points(set_points, self._names, self.limits)
+        checked = checked_set_points(set_points, self._names, self.parameters)
         # Before its first measurement a channel cannot follow; the set point counts as soon as it can.
         measured = [
             set_point
@@ -398,7 +363,7 @@ class Driver:
 
     def follow_another_clock(self) -> None:
         """Forget when regular work was done last: the steady time of the next tick is of another clock."""
-        self._overload = OverloadWatch(self._settings.tick_period_s)
+        self.own_pace = OverloadWatch(TICK_PERIOD_S)
 
     def tick(self, now: Instant, stop_publishers: int | None = None) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second.
@@ -409,9 +374,9 @@ class Driver:
 
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
-        self._steady_s, self._ticked_s = now.steady_s, now.graph_s
+        self._ticked_s = now.graph_s
         self._sensors.tick(0.0 if self._plant_paused else passed_s, asked=self._link.exchanges > 0)
-        stood_s = self._overload.tick(now.steady_s)
+        stood_s = self.own_pace.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has received nothing, and nobody is to blame for that.
             self._emergency_stop.excuse(stood_s)
@@ -421,7 +386,7 @@ class Driver:
         if self._sensors.unanswered:
             self._let_go_blind()
         for name in self._streams.fall_silent(now):
-            verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
+            verb = "held" if self.parameters.holds else "unjammed"
             text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
             self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
         if self._active:
@@ -554,7 +519,7 @@ def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkS
 
 
 def worst_trouble(
-    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadStatus
+    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadWatch
 ) -> Trouble:
     """Return the worst: a fault, a lost board, what was let go, a silent manifold, a noisy line, the own pace."""
     return _of_ankle(ankle, link) or _of_what_is_around(ankle, sensors, line_noise, own_pace)
@@ -565,7 +530,7 @@ def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
     acts = "kept as it was, pump off" if ankle.held else "vented"
     if faulty:
         names = ", ".join(each.name for each in faulty)
-        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else names
+        others = names if ankle.parameters.fails_alone else "every channel"
         worst = faulty[0].status
         return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
     if link.state is LinkState.LOST:
@@ -580,7 +545,7 @@ def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
 
 
 def _of_what_is_around(
-    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus
+    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadWatch
 ) -> Trouble:
     if sensors.manifold_measured and ankle.manifold_vacuum_pa is None:
         text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
