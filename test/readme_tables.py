@@ -26,7 +26,7 @@ from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_driver.core.registers import header_text, register_table
+from jammkle_driver.core.registers import FIRMWARE_VERSION, TABLES, RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
@@ -166,7 +166,7 @@ def tables() -> dict[str, str]:
         ],
     )
     made["ros2_control"] = control_text()
-    made["registers"] = register_table()
+    made["registers"] = register_text(register_list())
     made["command"] = command_text()
     made["interfaces"] = interfaces_text()
     made["sourced workspace"] = workspace_text()
@@ -281,11 +281,82 @@ def made() -> dict[Path, str]:
     parts = tables()
     return {
         **{path: filled(path, parts) for path in pages()},
-        HEADER: header_text(),
+        HEADER: header_text(register_list()),
         CONFIG / "ankle.yaml": parameter_file_text(NODES_OF_AN_ANKLE),
         CONFIG / "robot.yaml": parameter_file_text(ROBOT_NODES, ROBOT_VALUES),
         **manifests(),
     }
+
+
+def register_text(registers: RegisterList) -> str:
+    """Return all registers of the firmware as a table, and what their bits are."""
+    lines = []
+    for name, function in TABLES.items():
+        written = name == "holding_registers"
+        lines += [
+            (
+                f"{name.replace('_', ' ')} (read by function {function})",
+                str(each.address),
+                f"`{each.name}`",
+                f"{each.per_step:g} {each.unit}".replace(" 1", "") if each.unit else "",
+                f"{each.minimum} to {each.maximum}" if written else "",
+                f"{each.default}{', can be stored' if each.stored else ''}" if written else "",
+                each.note,
+            )
+            for each in registers.tables[name]
+        ]
+    bits = [
+        f"Bits of `{name}`: " + ", ".join(f"{place} {bit}" for place, bit in enumerate(names)) + "."
+        for name, names in registers.bits.items()
+    ]
+    head = ("table", "address", "register", "unit of a step", "range", "default", "what")
+    return "\n".join([table(head, lines), "", *bits])
+
+
+def header_text(registers: RegisterList) -> str:
+    """Return `firmware/core/registers.h`."""
+    holding = registers.tables["holding_registers"]
+    stored = [register.address for register in holding if register.stored]
+    assert stored == list(range(stored[0], stored[-1] + 1)), "the firmware keeps stored registers as one block"
+    lines = [
+        "/* Written from config/registers.yaml by `make readme`: edit that file. */",
+        "#ifndef JAMMKLE_REGISTERS_H",
+        "#define JAMMKLE_REGISTERS_H",
+        "",
+        "#include <stdbool.h>",
+        "#include <stdint.h>",
+        "",
+        f"#define FIRMWARE_VERSION {FIRMWARE_VERSION:#06x}u",
+        f"#define REGISTER_VERSION {registers.version}u",
+        f"#define MIRROR_ADDRESS {registers.mirror}u",
+        "",
+    ]
+    for name, found in registers.tables.items():
+        prefix = name.partition("_")[0].removesuffix("s").upper()
+        members = [f"    {prefix}_{register.name.upper()}," for register in found]
+        lines += ["enum {", *members, f"    {prefix}_COUNT", "};", ""]
+    for name, bits in registers.bits.items():
+        places = [f"    {name.upper()}_{bit.upper()} = {1 << place}," for place, bit in enumerate(bits)]
+        lines += ["enum {", *places, "};", ""]
+    ranges = [f"    {{{each.minimum}u, {each.maximum}u, {each.default}u}}, /* {each.name} */" for each in holding]
+    lines += [
+        "typedef struct {",
+        "    uint16_t minimum;",
+        "    uint16_t maximum;",
+        "    uint16_t default_value;",
+        "} holding_range;",
+        "",
+        "static const holding_range HOLDING_RANGES[HOLDING_COUNT] = {",
+        *ranges,
+        "};",
+        "",
+        f"#define STORED_FIRST {stored[0]}u",
+        f"#define STORED_COUNT {len(stored)}u",
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

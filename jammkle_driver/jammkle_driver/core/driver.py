@@ -10,7 +10,7 @@ from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.ankle import Ankle
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
-from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, PressureSample, released
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
 from jammkle_driver.core.requests import (
     ONLY_PUBLISHER,
     CommandStreams,
@@ -382,7 +382,7 @@ class Driver:
             self._emergency_stop.excuse(stood_s)
             self._streams.excuse(stood_s)
             self.ankle.stood_still()
-        self._sensors.look(self.ankle, active=self._active)
+        self._look_at_sensors()
         if self._sensors.unanswered:
             self._let_go_blind()
         for name in self._streams.fall_silent(now):
@@ -411,6 +411,17 @@ class Driver:
         for channel in self.ankle.channels.values():
             channel.forget_pressure()
         self.ankle.regulate(0.0)
+
+    def _look_at_sensors(self) -> None:
+        """Forget the pressures of silent sensors; while active, their channels fail."""
+        channels = self.ankle.channels
+        silent = self._sensors.fallen_silent([name for name in channels if channels[name].vacuum_pa is not None])
+        if (silent and self._sensors.all_silent) or self._sensors.silent(MANIFOLD):
+            self.ankle.manifold_vacuum_pa = None
+        for name in silent:
+            channels[name].forget_pressure()
+        if silent and self._active:
+            self.ankle.fail(silent, self._sensors.why(silent))
 
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""

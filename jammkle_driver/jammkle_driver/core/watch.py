@@ -13,8 +13,6 @@ from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, ResetC
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_driver.core.ankle import Ankle
-
 
 @dataclass(frozen=True)
 class Instant:
@@ -360,23 +358,21 @@ class SensorWatch:
         self._measured.clear()
         self._answered = False
 
-    def look(self, ankle: Ankle, *, active: bool) -> None:
-        """Let an ankle forget the pressures of silent sensors; where it is active, their channels fail."""
-        measured = [name for name, channel in ankle.channels.items() if channel.vacuum_pa is not None]
-        silent = [name for name in measured if self.silent(name)]
-        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
-        every = bool(silent) and self._all_silent_s > 0.5 * self.timeout_s
-        if every:
-            silent = measured
-        if every or self.silent(MANIFOLD):
-            ankle.manifold_vacuum_pa = None
-        for name in silent:
-            ankle.channels[name].forget_pressure()
-        if not silent or not active:
-            return
-        reason = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
+    @property
+    def all_silent(self) -> bool:
+        """Whether none of them gives a pressure: those of one board fall silent within milliseconds."""
+        return self._all_silent_s > 0.5 * self.timeout_s
+
+    def fallen_silent(self, measured: Sequence[str]) -> tuple[str, ...]:
+        """Return which of the channels whose pressure is known give none now: all, where no sensor does."""
+        silent = tuple(name for name in measured if self.silent(name))
+        return tuple(measured) if silent and self.all_silent else silent
+
+    def why(self, silent: Sequence[str]) -> Finding:
+        """Return as a finding that the sensors of these channels have fallen silent."""
+        reason = Reason.BOARD_UNPLUGGED if self.all_silent else Reason.SENSOR_DEAD
         place = ", ".join(silent)
-        whose = "no sensor gives" if every else f"{place} sensor gives no"
-        remedy = "look at hardware or simulation" if every else REMEDIES[reason]
+        whose = "no sensor gives" if self.all_silent else f"{place} sensor gives no"
+        remedy = "look at hardware or simulation" if self.all_silent else REMEDIES[reason]
         text = f"{whose} valid pressure for {self.timeout_s:g} s (pressure_timeout_s): {remedy}"
-        ankle.fail(silent, Finding(reason, place, text, self.values).to_clear())
+        return Finding(reason, place, text, self.values).to_clear()
