@@ -82,12 +82,9 @@ class AirSettings:
 
 
 def orifice(from_pa: Array, to_pa: Array) -> tuple[Array, Array, Array]:
-    """Return flow per conductance, Pa^2, and its slopes by both pressures, Pa (ISO 6358-1, elliptic below choking).
+    """Return flow per conductance, Pa^2, and its slopes by both absolute pressures, Pa.
 
-    Args:
-        from_pa: Absolute pressures on one side, Pa; the flow is positive from here.
-        to_pa: Absolute pressures on the other side, Pa.
-
+    ISO 6358-1: elliptic below choking.
     """
     forward = from_pa >= to_pa
     high = np.where(forward, from_pa, to_pa)
@@ -186,13 +183,10 @@ class Atmosphere:
         return self.measured and abs(self.declared_pa - self.pressure_pa) > DOUBT_PA
 
     def declare(self, pressure_pa: float, counted: AbstractSet[str] = frozenset()) -> None:
-        """Take what the parameter says now; it counts where nothing was measured.
+        """Take what the parameter says now, Pa; it counts where nothing was measured.
 
-        Args:
-            pressure_pa: What it says, Pa.
-            counted: Channels whose readings are counted from it, and so go with it: sensors of vacuum do not show the
-                atmosphere. Where all are, the estimate goes along, and keeps what it has learned of their zero.
-
+        Readings of the channels that are counted from it go with it: sensors of vacuum do not show the atmosphere.
+        Where all are, the estimate goes along, and keeps what it has learned of their zero.
         """
         step_pa = pressure_pa - self.declared_pa
         self.declared_pa = pressure_pa
@@ -261,9 +255,9 @@ class LeakMeter:
         """Make a meter that has seen no rest."""
         self._air = air
         self._volumes_m3 = dict(zip(channels, air.channel_volumes_m3, strict=False))
-        self._sums: dict[str, tuple[int, float, float, float, float]] = {}
+        self._times_s: dict[str, float] = {}
+        self._sums: dict[str, Array] = {}
         self._connected: frozenset[str] = frozenset()
-        self._products: dict[str, float] = {}
         self._rising: dict[str, float] = {}
         self._reported: dict[frozenset[str], float] = {}
         self._last: frozenset[str] = frozenset()
@@ -272,15 +266,9 @@ class LeakMeter:
     def read(
         self, channel: str, pressure_pa: float, elapsed_s: float, connected: frozenset[str], ambient_pa: float
     ) -> None:
-        """Take a reading of a rest.
+        """Take a reading of a rest, Pa absolute, `elapsed_s` s after the last one of this channel.
 
-        Args:
-            channel: Whose reading it is.
-            pressure_pa: Pa absolute.
-            elapsed_s: Time since the last one of this channel, s.
-            connected: Channels that share the vacuum; one with another set of them begins a new rest.
-            ambient_pa: Pressure of the atmosphere, Pa.
-
+        A reading with another set of connected channels, which share the vacuum, begins a new rest.
         """
         self._ambient_pa = ambient_pa
         if connected != self._connected:
@@ -288,27 +276,23 @@ class LeakMeter:
             self._connected = connected
         if channel not in connected:
             return
-        count, time_s, sum_x, sum_y, sum_xx = self._sums.get(channel, (0, -SETTLING_S, 0.0, 0.0, 0.0))
-        product = self._products.get(channel, 0.0)
-        time_s += elapsed_s
+        time_s = self._times_s[channel] = self._times_s.get(channel, -SETTLING_S) + elapsed_s
         if time_s < 0.0:
-            self._sums[channel] = (0, time_s, 0.0, 0.0, 0.0)
             return
-        count, sum_x, sum_y, sum_xx = count + 1, sum_x + time_s, sum_y + pressure_pa, sum_xx + time_s * time_s
-        product += time_s * pressure_pa
-        self._sums[channel] = (count, time_s, sum_x, sum_y, sum_xx)
-        self._products[channel] = product
+        sums = self._sums.setdefault(channel, np.zeros(5))
+        sums += (1.0, time_s, pressure_pa, time_s * time_s, time_s * pressure_pa)
+        count, sum_x, sum_y, sum_xx, sum_xy = sums.tolist()
         spread = count * sum_xx - sum_x * sum_x
         if time_s >= SHORTEST_S and spread > 0.0:
-            self._rising[channel] = (count * product - sum_x * sum_y) / spread
+            self._rising[channel] = (count * sum_xy - sum_x * sum_y) / spread
             self._last = connected
 
     def stop(self) -> None:
         """End the rest, and take its rates into the mean; that stays."""
         self._reported.update(self._resting)
         self._rising.clear()
+        self._times_s.clear()
         self._sums.clear()
-        self._products.clear()
         self._connected = frozenset()
 
     @property

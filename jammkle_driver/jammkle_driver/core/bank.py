@@ -318,13 +318,11 @@ class FilterBank:
 
     """
 
-    def __init__(
-        self, air: AirSettings, ambient_pa: float, spread: Spread | None = None, scoring: Scoring | None = None
-    ) -> None:
+    def __init__(self, air: AirSettings, ambient_pa: float) -> None:
         """Begin vented, with every hypothesis as good as the healthy one."""
         self._air = air
-        self.scoring = scoring or Scoring()
-        self._spread = spread or Spread()
+        self.scoring = Scoring()
+        self._spread = Spread()
         self._tables = Tables(air, self._spread)
         self._layout = self._tables.layout
         self._predictor = Predictor(air, self._spread, self._tables)
@@ -495,7 +493,7 @@ class FilterBank:
             if not math.isfinite(reading_pa):
                 continue
             noise = self._spread.noise_pa**2 + float(late_pa[place]) ** 2
-            offset, stuck = self._layout.offset(place), tables.stuck[:, place]
+            offset, stuck = self._layout.offsets.start + place, tables.stuck[:, place]
             row = covariance[:, place, :] + covariance[:, offset, :]
             held = self._held_variance[:, place]
             seen_pa = np.where(stuck, self._held_pa[:, place], state[:, place] + state[:, offset])

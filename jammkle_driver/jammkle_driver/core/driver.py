@@ -48,9 +48,8 @@ class Trouble:
 
     Attributes:
         reason: What it is; NONE where all is well.
-        text: One line: what was seen, with numbers.
+        text: What was seen, as of a `Finding`, whose `values` these are.
         action: What was done about it.
-        values: What was seen in numbers for people, with units in the key.
 
     """
 
@@ -208,13 +207,12 @@ class Driver:
         """
         names = checked_channels(channels, self._names)
         vacuum_pa = checked_vacuum(vacuum_pa, self.parameters)
-        check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board=self._why_not_ready)
-        check_able(self.ankle, names)
-        set_points = [SetPoint(name, vacuum_pa) for name in names]
-        check_shared_vacuum(set_points, self.ankle.set_points_pa)
-        for set_point in set_points:
-            self._take(set_point, f"asked by {asked_by}")
-            self._streams.release(set_point.channel)
+        self._check_ready()
+        self._check_able(names)
+        check_shared_vacuum([SetPoint(name, vacuum_pa) for name in names], self.ankle.set_points_pa)
+        for name in names:
+            self.ankle.ask(name, vacuum_pa, f"asked by {asked_by}")
+            self._streams.release(name)
         self.ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
@@ -231,7 +229,7 @@ class Driver:
             raise RequestError(msg)
         self.ankle.release()
         for name in names:
-            self._take(SetPoint(name, 0.0), f"asked by {asked_by}")
+            self.ankle.ask(name, 0.0, f"asked by {asked_by}")
             self._streams.release(name)
         self.ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}; {WAY_BACK}"
@@ -270,14 +268,15 @@ class Driver:
             for set_point in checked
             if self.ankle.channels[set_point.channel].vacuum_pa is not None and not self._why_not_ready
         ]
-        able = [set_point for set_point in measured if self._can_follow(set_point.channel)]
+        stopped = self._emergency_stop.reason
+        able = [set_point for set_point in measured if not stopped and self.ankle.able(set_point.channel)]
         new = tuple(able) if anew else stream.changes(able)
         jams = any(set_point.vacuum_pa > 0.0 for set_point in new)
         taken = [set_point for set_point in able if set_point in new or (jams and self._holds_another(set_point))]
         check_shared_vacuum(taken, self.ankle.set_points_pa)
         stream.take(measured, now)
         for set_point in taken:
-            self._take(set_point, f"asked by {asked_by}")
+            self.ankle.ask(set_point.channel, set_point.vacuum_pa, f"asked by {asked_by}")
             self._streams.lead(stream, set_point.channel)
         self.ankle.regulate(0.0)
 
@@ -368,10 +367,7 @@ class Driver:
     def tick(self, now: Instant, stop_publishers: int | None = None) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second.
 
-        Args:
-            now: The time.
-            stop_publishers: How many publishers emergency_stop has in the graph; None where that is not known.
-
+        `stop_publishers` are those that emergency_stop has in the graph; None where that is not known.
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
         self._ticked_s = now.graph_s
@@ -395,9 +391,71 @@ class Driver:
         self._permit_storing()
         self.ankle.regulate(0.0)
 
+    def _check_ready(self) -> None:
+        if not self._active:
+            msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
+            raise RequestError(msg)
+        if reason := self._emergency_stop.reason:
+            msg = f"emergency stop ({reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
+            raise RequestError(msg)
+        if board := self._why_not_ready:
+            msg = f"{board}: cannot jam; ask again"
+            raise RequestError(msg)
+
+    def _check_able(self, channels: Sequence[str]) -> None:
+        """Check that channels may be jammed as far as faults and sensors go."""
+        for name in channels:
+            channel = self.ankle.channels[name]
+            if channel.state is ChannelState.FAULT:
+                msg = f"channel '{name}' is in FAULT ({channel.reason}); nothing was jammed"
+                raise RequestError(msg)
+            if not self.ankle.able(name):
+                failed = self.ankle.faulty[0]
+                msg = (
+                    f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
+                )
+                raise RequestError(msg)
+            if channel.state is ChannelState.UNKNOWN:
+                msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
+                raise RequestError(msg)
+
     @property
     def _trouble(self) -> Trouble:
-        return worst_trouble(self.ankle, self._sensors, self._link, self._line_noise, self.own_pace)
+        return self._trouble_of_ankle() or self._trouble_around()
+
+    def _trouble_of_ankle(self) -> Trouble | None:
+        """Return the worst of a fault, a lost board, and what was let go."""
+        ankle, link, faulty = self.ankle, self._link, self.ankle.faulty
+        acts = "kept as it was, pump off" if ankle.held else "vented"
+        if faulty:
+            names = ", ".join(each.name for each in faulty)
+            others = names if self.parameters.fails_alone else "every channel"
+            worst = faulty[0].status
+            return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
+        if link.state is LinkState.LOST:
+            text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
+            return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
+        let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
+        if let_go:
+            names = ", ".join(channel.name for channel in let_go)
+            worst = let_go[0].status
+            return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
+        return None
+
+    def _trouble_around(self) -> Trouble:
+        """Return the worst of a silent manifold, a noisy line, and the own pace."""
+        sensors, noise, pace = self._sensors, self._line_noise, self.own_pace
+        if sensors.manifold_measured and self.ankle.manifold_vacuum_pa is None:
+            remedy = REMEDIES[Reason.SENSOR_DEAD]
+            text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {remedy}"
+            return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
+        if noise is not None:
+            return Trouble(noise.reason, noise.text, "none: the line repeats what is lost", noise.values)
+        if pace.overloaded:
+            stalls = f"it stood still {pace.stalls} times, at most {pace.longest_s:.2f} s"
+            text = f"the driver's work comes {pace.late_s:.3f} s late; {stalls}"
+            return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts", pace.values)
+        return Trouble()
 
     @property
     def _why_not_ready(self) -> str:
@@ -430,15 +488,9 @@ class Driver:
         self._streams.forget()
         self._forget_pressures()
 
-    def _can_follow(self, channel: str) -> bool:
-        return not self._emergency_stop.reason and self.ankle.able(channel)
-
     def _holds_another(self, asked: SetPoint) -> bool:
         held_pa = self.ankle.channels[asked.channel].set_point_pa
         return asked.vacuum_pa > 0.0 and held_pa not in (0.0, asked.vacuum_pa)
-
-    def _take(self, set_point: SetPoint, reason: str) -> None:
-        self.ankle.ask(set_point.channel, set_point.vacuum_pa, reason)
 
     def _permit_storing(self) -> None:
         able = self._active and not self._emergency_stop.reason and not self._why_not_ready
@@ -458,57 +510,8 @@ class Driver:
         self.ankle.regulate(0.0)
 
 
-def check_ready(*, active: bool, stop_reason: str, board: str) -> None:
-    """Check that a driver may jam at all.
-
-    Args:
-        active: Whether it follows requests.
-        stop_reason: Why everything is stopped; empty where it is not.
-        board: Why the board takes no jam now; empty where it does.
-
-    Raises:
-        RequestError: it may not.
-
-    """
-    if not active:
-        msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
-        raise RequestError(msg)
-    if stop_reason:
-        msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
-        raise RequestError(msg)
-    if board:
-        msg = f"{board}: cannot jam; ask again"
-        raise RequestError(msg)
-
-
-def check_able(ankle: Ankle, channels: Sequence[str]) -> None:
-    """Check that channels may be jammed as far as faults and sensors go.
-
-    Raises:
-        RequestError: one is in FAULT or, by the policy, another one is; or its pressure is not measured.
-
-    """
-    for name in channels:
-        status = ankle.channels[name].status
-        if status.state is ChannelState.FAULT:
-            msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
-            raise RequestError(msg)
-        if not ankle.able(name):
-            failed = ankle.faulty[0].status
-            msg = f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
-            raise RequestError(msg)
-        if status.state is ChannelState.UNKNOWN:
-            msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
-            raise RequestError(msg)
-
-
 def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkStatus | None) -> None:
-    """Check that a release which was just commanded can take place.
-
-    Args:
-        status: What the driver knows.
-        channels: Channels that were released; none named: all.
-        link: What is known of the hardware's other end.
+    """Check that a release of channels (none named: all) which was just commanded can take place.
 
     Raises:
         RequestError: nobody is there to carry it out, or a channel does not vent.
@@ -527,46 +530,3 @@ def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkS
         if channel.fault in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
             msg = f"released, but {channel.name} does not vent: {channel.reason}"
             raise RequestError(msg)
-
-
-def worst_trouble(
-    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadWatch
-) -> Trouble:
-    """Return the worst: a fault, a lost board, what was let go, a silent manifold, a noisy line, the own pace."""
-    return _of_ankle(ankle, link) or _of_what_is_around(ankle, sensors, line_noise, own_pace)
-
-
-def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
-    faulty = ankle.faulty
-    acts = "kept as it was, pump off" if ankle.held else "vented"
-    if faulty:
-        names = ", ".join(each.name for each in faulty)
-        others = names if ankle.parameters.fails_alone else "every channel"
-        worst = faulty[0].status
-        return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
-    if link.state is LinkState.LOST:
-        text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
-        return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
-    let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
-    if let_go:
-        names = ", ".join(channel.name for channel in let_go)
-        worst = let_go[0].status
-        return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
-    return None
-
-
-def _of_what_is_around(
-    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadWatch
-) -> Trouble:
-    if sensors.manifold_measured and ankle.manifold_vacuum_pa is None:
-        text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
-        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
-    if line_noise is not None:
-        action = "none: the line repeats what is lost"
-        return Trouble(line_noise.reason, line_noise.text, action, line_noise.values)
-    if own_pace.overloaded:
-        stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
-        text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"
-        action = "none: the board lets go where that lasts"
-        return Trouble(Reason.EXECUTOR_OVERLOADED, text, action, own_pace.values)
-    return Trouble()
