@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 
     from jammkle_driver.core.air import AirSettings
     from jammkle_driver.core.hardware import LinkStatus
-    from jammkle_driver.fake import Plant
 
-    PlantBuilder = Callable[[AirSettings, random.Random, int], Plant]
+    PlantBuilder = Callable[[AirSettings, random.Random, int], FakePlant]
     """Builds an ankle near what was declared, by what is drawn and a seed."""
 
 PLACED = {
@@ -112,7 +111,7 @@ def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePla
     """Return an ankle of the law that the driver judges by, off by its tolerances, with sensors off by 150 Pa."""
     ambient_pa = STANDARD_ATMOSPHERE_PA + draw.gauss(0.0, 800.0)
     offsets_pa = {place: draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
-    return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
+    return FakePlant(built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
 
 
 _OF_THE_END = 0.9
@@ -237,7 +236,7 @@ class FaultBench:
         self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
         several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))
         jam = self.draw.random() < (0.3 if self._jammed_last else 0.8)
-        vacuum_pa = min(self.draw.uniform(15e3, 65e3), _OF_THE_END * self.plant.pump_ultimate_vacuum_pa)
+        vacuum_pa = min(self.draw.uniform(15e3, 65e3), _OF_THE_END * self.plant.air.pump_ultimate_vacuum_pa)
         self._jammed_last = jam
         if self.streams:
             self.set_point_pa = vacuum_pa if jam else 0.0

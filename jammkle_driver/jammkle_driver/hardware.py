@@ -19,7 +19,7 @@ from sensor_msgs.msg import FluidPressure
 from jammkle_common import wire
 from jammkle_common.command import HARDWARE, entries
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
-from jammkle_common.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES, frame
+from jammkle_common.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_driver.conversions import (
@@ -31,7 +31,7 @@ from jammkle_driver.conversions import (
     stamp_seconds,
 )
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, SafeCause
-from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, LinkFault, ScriptError, read_script
+from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, ScriptError, read_script
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
@@ -259,12 +259,12 @@ class FakeHardware:
         except (OSError, ScriptError) as error:
             msg = f"parameter 'fake_faults': {error}"
             raise ParameterError(msg) from error
-        plant = FakePlant(CHANNELS, context.parameters.air(), STANDARD_ATMOSPHERE_PA)
+        plant = FakePlant(context.parameters.air(), STANDARD_ATMOSPHERE_PA)
         self.board = FakeBoard(plant)
         self._draw = random.Random(0)  # noqa: S311 - which telegrams noise hits is no secret
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_s = seconds(self._steady.now())
-        self._measured = Measured(context, plant.places)
+        self._measured = Measured(context, plant.pressures_pa)
         self._timer = context.node.create_timer(STEP_S, self._exchange, clock=self._steady)
 
     @property
@@ -302,10 +302,8 @@ class FakeHardware:
             entry = self._script.pop(0)
             if entry.fault is None:
                 self.board.heal()
-            elif isinstance(entry.fault, LinkFault):
-                self.board.inject(entry.fault, entry.size)
             else:
-                self.board.plant.inject(entry.fault, entry.place, entry.size)
+                self.board.inject(entry.fault, entry.place, entry.size)
         if self.board.link.state is not LinkState.CONNECTED:
             return
         spoiled = self._draw.random() < self.board.noise_share

@@ -23,7 +23,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
-from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
+from jammkle_driver.fake import FakeFault, FakePlant, LinkFault, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -90,9 +90,9 @@ def _become_noisy(bench: FaultBench) -> None:
 
 
 BEFALLS: dict[Reason, Callable[[FaultBench], None]] = {
-    Reason.BOARD_UNPLUGGED: lambda bench: bench.board.unplug(),
+    Reason.BOARD_UNPLUGGED: lambda bench: bench.board.inject(LinkFault.UNPLUGGED),
     Reason.BOARD_REBOOTED: lambda bench: bench.board.reboot(),
-    Reason.BROWN_OUT: lambda bench: bench.board.sag(),
+    Reason.BROWN_OUT: lambda bench: bench.board.inject(LinkFault.BROWN_OUT),
     Reason.LINE_NOISE: _become_noisy,
     Reason.COMMANDS_STALE: _fall_silent,
 }
@@ -135,7 +135,7 @@ def test_a_pump_that_ends_at_another_vacuum_than_declared_is_healthy(end_pa: flo
 
     def lower(declared: AirSettings, _draw: random.Random, number: int) -> FakePlant:
         air = replace(declared, pump_ultimate_vacuum_pa=end_pa)
-        return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
+        return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
     bench = FaultBench(DriverParameters(), 1, lower)
     for vacuum_pa in (60e3, 40e3, 60e3):
@@ -227,7 +227,7 @@ def test_a_valve_that_stays_closed_is_no_stuck_sensor(flow_share: float) -> None
 
     def weaker(declared: AirSettings, _draw: random.Random, number: int) -> FakePlant:
         air = replace(declared, pump_free_flow_m3_s=flow_share * declared.pump_free_flow_m3_s)
-        return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
+        return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
     bench = FaultBench(DriverParameters(), 0, weaker)
     run(bench, 1.0)
@@ -242,9 +242,7 @@ def test_a_coarse_or_quiet_sensor_that_repeats_itself_is_healthy(step_pa: float,
     """Converters of 10 and 12 bits whose step hides the noise: most readings equal the one before, and not a word."""
 
     def coarse(declared: AirSettings, draw: random.Random, number: int) -> FakePlant:
-        return FakePlant(
-            CHANNELS, built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number
-        )
+        return FakePlant(built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number)
 
     assert alarms(seed, 35.0, coarse) == []
 

@@ -194,7 +194,7 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
 def test_a_brown_out_that_keeps_the_board_away_is_reported_as_one() -> None:
     """For half a second it does not answer, and counts as unplugged; then it says what it was. FAULT all the while."""
     bench = jammed_bench()
-    bench.board.unplug()
+    bench.board.inject(LinkFault.UNPLUGGED)
     run(bench, 0.5)
     assert bench.reported()[0] is Reason.BOARD_UNPLUGGED
     bench.board.reboot(ResetCause.BROWN_OUT)

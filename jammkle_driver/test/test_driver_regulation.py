@@ -36,7 +36,7 @@ class Bench(FaultBench):
     def __init__(self, dead_time_s: float = 0.01, **parameters: Any) -> None:
         def as_declared(declared: AirSettings, _draw: random.Random, seed: int) -> FakePlant:
             air = replace(declared, valve_dead_time_s=dead_time_s)
-            return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
+            return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
 
         given = {"diagnose": False, "fault_policy": "channel", **parameters}
         super().__init__(DriverParameters(**given), 1, as_declared)

@@ -193,7 +193,7 @@ class Everybody(RuleBasedStateMachine):
 
     @rule(fault=st.sampled_from(LinkFault))
     def befall_the_board(self, fault: LinkFault) -> None:
-        self.asked.board.inject(fault, NOISE_SHARE)
+        self.asked.board.inject(fault, size=NOISE_SHARE)
 
     @rule()
     def heal(self) -> None:

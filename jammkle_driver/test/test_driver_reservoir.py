@@ -6,7 +6,6 @@ import pytest
 
 from fault_bench import SAMPLE_S, WITHIN_S, FaultBench, run
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
@@ -115,7 +114,7 @@ def test_the_time_that_the_pump_takes_is_that_of_the_law() -> None:
     """In closed form as on the plant that is stepped: 100 mL and the manifold to 50 kPa, from the atmosphere."""
     parameters = DriverParameters(reservoir_volume_m3=RESERVOIR_M3)
     air = parameters.air()
-    plant = FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA)
+    plant = FakePlant(air, STANDARD_ATMOSPHERE_PA)
     plant.command({}, 1.0)
     expected_s = air.evacuation_s(air.shared_volume_m3, 50e3)
     plant.advance(expected_s)

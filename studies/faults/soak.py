@@ -14,7 +14,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, ResetCause, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.fake import WATCHDOG_S
+from jammkle_driver.fake import WATCHDOG_S, LinkFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from studies.faults.trial import drawn_fault
 
@@ -124,7 +124,7 @@ def _break_something(bench: FaultBench, watch: _Watch) -> None:
 
 
 def _unplug(bench: FaultBench, watch: _Watch) -> None:
-    bench.board.unplug()
+    bench.board.inject(LinkFault.UNPLUGGED)
     watch.must_be_off(_WATCHDOG_BOUND_S, "the board is unplugged")
 
 
@@ -134,7 +134,7 @@ def _reboot(bench: FaultBench, watch: _Watch) -> None:
 
 
 def _brown_out(bench: FaultBench, watch: _Watch) -> None:
-    bench.board.sag()
+    bench.board.inject(LinkFault.BROWN_OUT)
     _expect_latched(bench, watch, "the supply has sagged")
 
 
