@@ -38,7 +38,7 @@ from jammkle_driver.core.driver import Driver, check_carried_out
 from jammkle_driver.core.hardware import LinkState
 from jammkle_driver.core.requests import Publication, RequestError
 from jammkle_driver.core.watch import Instant
-from jammkle_driver.hardware import HardwareContext, check_parameters, make_hardware
+from jammkle_driver.hardware import HardwareContext, checked_hardware
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_msgs.msg import JamCommand, JamState
@@ -77,7 +77,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         super().__init__(DRIVER_NODE, **node_options)
         refuse_bad_transitions(self)
         self._values = declare(self, DriverParameters)
-        check_parameters(self._values)
+        self._make_hardware = checked_hardware(self._values)
         on_change(self, DriverParameters, self._take_parameters)
         if self._values.hardware != SIM_HARDWARE:
             self.live_on_steady_clock()
@@ -109,7 +109,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         context = HardwareContext(
             self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
         )
-        self._hardware = make_hardware(context)
+        self._hardware = self._make_hardware(context)
         self._logged_link = self._hardware.link
         self._create_subscriptions()
         self._create_services()
@@ -136,10 +136,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything and destroy topics and services."""
-        self._close()
-        return TransitionCallbackReturn.SUCCESS
+    on_shutdown = on_cleanup
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything and be unconfigured again."""

@@ -18,7 +18,7 @@ from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
-from jammkle_driver.hardware import HardwareContext, check_hardware, check_parameters, make_hardware
+from jammkle_driver.hardware import HardwareContext, checked_hardware
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -169,16 +169,16 @@ def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(EntryPoint, "load", lambda _: OurLab)
     monkeypatch.setattr("jammkle_driver.hardware.entries", lambda _: {"our_lab": entry})
     parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
-    check_parameters(parameters)
+    make = checked_hardware(parameters)
     assert OurLab.checked == ["/dev/pump"]
     context = HardwareContext(None, lambda _: None, lambda *_: None, parameters, lambda: parameters.ambient_pressure_pa)
-    made = make_hardware(context)
+    made = make(context)
     assert isinstance(made, OurLab)
     assert made.context is context
 
 
 def test_hardware_that_nobody_brings_along_is_refused() -> None:
     """The error names what there is."""
-    check_hardware("sim")
+    checked_hardware(DriverParameters(hardware="sim"))
     with pytest.raises(ParameterError, match=r"serial.*sim"):
-        check_hardware("serial")
+        checked_hardware(DriverParameters(hardware="serial"))
