@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from jammkle_driver.board.line import LineError, RefusedError
 from jammkle_driver.board.wiring import Firmware
@@ -11,13 +13,12 @@ from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause
 from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from jammkle_driver.board.line import Line
     from jammkle_driver.board.wiring import Wiring
 
 
-HOLD = "hold"
 _NEAR = 16
 """Registers that lie so close together are read in one request: a request costs more than these."""
 
@@ -91,18 +92,28 @@ class Exchange:
         return 0.5 * (self.sent_s + self.received_s)
 
 
-class BoardProtocol(Protocol):
+class BoardProtocol(ABC):
     """How to talk to one kind of board. Every method may raise LineError."""
 
+    def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
+        """Talk over a line; `safe_state` is `vent` or `hold`."""
+        self._line = line
+        self._wiring = wiring
+        self._holds = safe_state == "hold"
+
+    @abstractmethod
     async def open(self) -> str:
         """Prepare a board that has just been connected; return one line that says what it is."""
 
+    @abstractmethod
     async def exchange(self, command: ActuatorCommand | None) -> Exchange:
         """Write the outputs (None: leave them, and give no sign of life) and read all sensors."""
 
+    @abstractmethod
     async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:
         """Exchange where nobody has repeated the last command (None: there never was one) for a while."""
 
+    @abstractmethod
     async def acknowledge(self) -> None:
         """Let a board that has latched its safe state take jams again.
 
@@ -114,12 +125,11 @@ class BoardProtocol(Protocol):
 
 def make_protocol(line: Line, wiring: Wiring, safe_state: str) -> BoardProtocol:
     """Return what talks to the board that the wiring names; `safe_state` is `vent` or `hold`."""
-    if wiring.firmware is Firmware.JAMMKLE:
-        return JammkleProtocol(line, wiring, safe_state)
-    return ModbusProtocol(line, wiring, safe_state)
+    kind = JammkleProtocol if wiring.firmware is Firmware.JAMMKLE else ModbusProtocol
+    return kind(line, wiring, safe_state)
 
 
-class JammkleProtocol:
+class JammkleProtocol(BoardProtocol):
     """The project's firmware: one request per cycle writes the outputs and reads all sensors (function 23).
 
     What the board says of itself is read every tenth cycle, and as soon as it has latched something else: without it a
@@ -128,9 +138,7 @@ class JammkleProtocol:
 
     def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
         """Talk over a line; `safe_state` is `vent` or `hold`."""
-        self._line = line
-        self._wiring = wiring
-        self._holds = safe_state == HOLD
+        super().__init__(line, wiring, safe_state)
         self._registers = register_list()
         self._short = self._registers.input("pump_duty_driven").address + 1
         self._whole = self._registers.input("check_sum_errors").address + 1
@@ -164,20 +172,15 @@ class JammkleProtocol:
         """Write the outputs and read what is due. Why a board refuses is read after."""
         count = self._whole if self._cycles % _STATE_EVERY == 0 else self._short
         self._cycles += 1
-        numbers = await self._write_and_read(command, count)
-        if numbers is None or (count < self._whole and self._latched(numbers) != self._latched_bits):
+        numbers: Sequence[int] = ()
+        if command is not None:
+            first, mirror = self._registers.holding("outputs").address, self._registers.mirror
+            with contextlib.suppress(RefusedError):
+                numbers = await self._line.write_and_read(first, self._outputs(command), mirror, count)
+        latched = self._registers.input("latched").address
+        if not numbers or (count < self._whole and numbers[latched] != self._latched_bits):
             numbers = await self._line.read("input", 0, self._whole)
         return self._exchange(numbers)
-
-    async def _write_and_read(self, command: ActuatorCommand | None, count: int) -> Sequence[int] | None:
-        """Return so many input registers; None where the board refuses what was to be written, or nothing was."""
-        if command is None:
-            return None
-        first = self._registers.holding("outputs").address
-        try:
-            return await self._line.write_and_read(first, self._outputs(command), self._registers.mirror, count)
-        except RefusedError:
-            return None
 
     async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:  # noqa: ARG002 - the board knows it
         """Give no sign of life: the board's own watchdog lets go, and latches why."""
@@ -193,9 +196,6 @@ class JammkleProtocol:
             1 << solenoid.coil for name, solenoid in self._wiring.solenoids.items() if command.solenoids.get(name)
         )
         return bits, self._wiring.pump.number(command.pump_duty)
-
-    def _latched(self, numbers: Sequence[int]) -> int:
-        return numbers[self._registers.input("latched").address]
 
     def _exchange(self, numbers: Sequence[int]) -> Exchange:
         names = [register.name for register in self._registers.tables["input_registers"][: len(numbers)]]
@@ -229,7 +229,7 @@ class JammkleProtocol:
         return [name for place, name in enumerate(self._registers.bits[register]) if number >> place & 1]
 
 
-class ModbusProtocol:
+class ModbusProtocol(BoardProtocol):
     """Any other Modbus server: coils, a register for the pump, registers for the sensors; several requests a cycle.
 
     Such a board may have no watchdog. As long as this end lives, it does in its stead what the project's firmware does:
@@ -239,12 +239,10 @@ class ModbusProtocol:
 
     def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
         """Talk over a line; `safe_state` is `vent` or `hold`."""
-        self._line = line
-        self._wiring = wiring
-        self._holds = safe_state == HOLD
+        super().__init__(line, wiring, safe_state)
         self._let_go: ActuatorCommand | None = None
         """What was written for a stale command; until it is acknowledged."""
-        self._register_ranges = {table: _register_ranges(wiring, table) for table in ("input", "holding")}
+        self._register_ranges = [*_register_ranges(wiring, "input"), *_register_ranges(wiring, "holding")]
 
     async def open(self) -> str:
         """Write what the wiring says, such as the time of the board's own watchdog.
@@ -267,12 +265,12 @@ class ModbusProtocol:
         """
         if self._let_go is not None and command is not None and _drives(command):
             command = self._let_go
-        if command is not None:
-            await self._drive(command)
         places: dict[str, int] = {}
-        for table, ranges in self._register_ranges.items():
-            for first, count in ranges:
-                numbers = await self._read(table, first, count)
+        with _fitting():
+            if command is not None:
+                await self._drive(command)
+            for table, first, count in self._register_ranges:
+                numbers = await self._line.read(table, first, count)
                 places |= {
                     name: numbers[sensor.register - first]
                     for name, sensor in self._wiring.sensors.items()
@@ -299,13 +297,14 @@ class ModbusProtocol:
         Some boards take a number only once, such as the time of a watchdog that does not run yet. Yet it is written
         again when the link comes up anew on a board that has run on, or after a reply that came late or never.
         """
-        try:
-            await self._line.write_register(address, number)
-        except RefusedError as error:
-            known = error.code in _HAS_REGISTER
-            if known and (self._line.has_taken(address, number) or await self._reads(address, number)):
-                return False
-            raise _misfit(error) from error
+        with _fitting():
+            try:
+                await self._line.write_register(address, number)
+            except RefusedError as error:
+                known = error.code in _HAS_REGISTER
+                if known and (self._line.has_taken(address, number) or await self._reads(address, number)):
+                    return False
+                raise
         return True
 
     async def _reads(self, address: int, number: int) -> bool:
@@ -323,28 +322,22 @@ class ModbusProtocol:
         if pump.coil is not None:
             bits[pump.coil] = pump.bit(command.pump_duty)
         if max(bits) - min(bits) == len(bits) - 1:  # without a gap: in one request, and so at one moment
-            await self._write(self._line.write_coils(min(bits), [bits[coil] for coil in sorted(bits)]))
+            await self._line.write_coils(min(bits), [bits[coil] for coil in sorted(bits)])
         else:
             for coil, bit in bits.items():
-                await self._write(self._line.write_coils(coil, [bit]))
+                await self._line.write_coils(coil, [bit])
         if pump.register is not None:
-            await self._write(self._line.write_register(pump.register, pump.number(command.pump_duty)))
-
-    async def _write(self, asked: Awaitable[None]) -> None:
-        try:
-            await asked
-        except RefusedError as error:
-            raise _misfit(error) from error
-
-    async def _read(self, table: str, first: int, count: int) -> Sequence[int]:
-        try:
-            return await self._line.read(table, first, count)
-        except RefusedError as error:
-            raise _misfit(error) from error
+            await self._line.write_register(pump.register, pump.number(command.pump_duty))
 
 
-def _misfit(error: RefusedError) -> LineError:
-    return LineError(f"{error}: the board_file does not fit this board")
+@contextlib.contextmanager
+def _fitting() -> Iterator[None]:
+    """Take a refusal for a wiring that does not fit the board."""
+    try:
+        yield
+    except RefusedError as error:
+        msg = f"{error}: the board_file does not fit this board"
+        raise LineError(msg) from error
 
 
 def _drives(command: ActuatorCommand) -> bool:
@@ -355,13 +348,12 @@ def _pascals(wiring: Wiring, numbers: Mapping[str, int]) -> dict[str, float]:
     return {name: wiring.sensors[name].pascals(number) for name, number in numbers.items()}
 
 
-def _register_ranges(wiring: Wiring, table: str) -> list[tuple[int, int]]:
-    """Return first register and count of each request that reads the sensors of a table."""
-    addresses = sorted(sensor.register for sensor in wiring.sensors.values() if sensor.table == table)
-    ranges: list[tuple[int, int]] = []
-    for address in addresses:
-        if ranges and address - (ranges[-1][0] + ranges[-1][1]) < _NEAR:
-            ranges[-1] = (ranges[-1][0], address - ranges[-1][0] + 1)
+def _register_ranges(wiring: Wiring, table: str) -> list[tuple[str, int, int]]:
+    """Return table, first register and count of each request that reads the sensors of a table."""
+    ranges: list[tuple[str, int, int]] = []
+    for address in sorted(sensor.register for sensor in wiring.sensors.values() if sensor.table == table):
+        if ranges and address - sum(ranges[-1][1:]) < _NEAR:
+            ranges[-1] = (table, ranges[-1][1], address - ranges[-1][1] + 1)
         else:
-            ranges.append((address, 1))
+            ranges.append((table, address, 1))
     return ranges

@@ -16,7 +16,7 @@ from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 
 class Firmware(enum.Enum):
@@ -188,16 +188,16 @@ def load_wiring(path: Path | None) -> Wiring:
     """
     path = path or standard_board_file()
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        msg = f"board file {path}: {reason}"
+        return _wiring(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        msg = f"board file {path}: {error.strerror}"
+        raise WiringError(msg) from error
+    except UnicodeDecodeError as error:
+        msg = f"board file {path}: not UTF-8"
         raise WiringError(msg) from error
     except yaml.YAMLError as error:
         msg = f"board file {path} is not YAML: {' '.join(str(error).split())}"
         raise WiringError(msg) from error
-    try:
-        return _wiring(content)
     except WiringError as error:
         msg = f"board file {path}: {error}"
         raise WiringError(msg) from error
@@ -227,7 +227,8 @@ def _wiring(content: object) -> Wiring:
         },
         **_checked_entries(Wiring, "", {"firmware": Firmware.OTHER.value, **entries}),
     )
-    _check_apart(made)
+    for problem in _problems(made):
+        raise WiringError(problem)
     return made
 
 
@@ -280,50 +281,42 @@ def _checked(name: str, key: str, value: object, default: object) -> Any:
     return value
 
 
-def _check_apart(wiring: Wiring) -> None:
-    """Two outputs on one coil, or two sensors on one register, are a typing error."""
+def _problems(wiring: Wiring) -> Iterator[str]:
+    """Yield what cannot be, though each value can: two outputs on one coil are a typing error."""
     pump = wiring.pump
     if (pump.register is None) == (pump.coil is None):
-        msg = "pump needs either register (a duty) or coil (on and off)"
-        raise WiringError(msg)
+        yield "pump needs either register (a duty) or coil (on and off)"
     if pump.register is not None and pump.at_zero == pump.at_full:
-        msg = f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
-        raise WiringError(msg)
+        yield f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
     if pump.register in wiring.on_connect:
-        msg = f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
-        raise WiringError(msg)
+        yield f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
     coils = [solenoid.coil for solenoid in wiring.solenoids.values()] + ([] if pump.coil is None else [pump.coil])
     registers = [(sensor.table, sensor.register) for sensor in wiring.sensors.values()]
     used = [f"coil {coil}" for coil in coils] + [f"{table} register {address}" for table, address in registers]
     for each in used:
         if used.count(each) > 1:
-            msg = f"{each} is used twice; give each pump, solenoid and sensor its own"
-            raise WiringError(msg)
+            yield f"{each} is used twice; give each pump, solenoid and sensor its own"
     for name, sensor in wiring.sensors.items():
         if sensor.scale == 0.0 or sensor.minimum >= sensor.maximum:
-            msg = f"sensor {name}: scale must not be 0, and minimum must be below maximum"
-            raise WiringError(msg)
+            yield f"sensor {name}: scale must not be 0, and minimum must be below maximum"
     if wiring.firmware is Firmware.JAMMKLE:
-        _check_own(wiring)
+        yield from _problems_of_own(wiring)
 
 
-def _check_own(wiring: Wiring) -> None:
-    registers = register_list()
+def _problems_of_own(wiring: Wiring) -> Iterator[str]:
+    registers, pump, solenoids = register_list(), wiring.pump, wiring.solenoids.values()
     full = registers.holding("pump_duty").maximum
     free = registers.holding("supply_minimum").address
     addresses = {register.address for register in registers.tables["input_registers"][:SENSORS]}
-    if wiring.pump.register != registers.holding("pump_duty").address:
-        msg = "pump: the firmware jammkle takes the duty in register 1"
-    elif (wiring.pump.at_zero, wiring.pump.at_full) != (0, full):
-        msg = f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
-    elif any(address < free for address in wiring.on_connect):
-        msg = f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
-    elif any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in wiring.solenoids.values()):
-        msg = "solenoids: the firmware jammkle has coils 0 to 2"
-    elif any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
-        msg = "sensors: the firmware jammkle has input registers 0 to 3"
-    elif any(solenoid.inverted for solenoid in wiring.solenoids.values()):
-        msg = "solenoids: inverted would turn the safe state of the firmware jammkle into its opposite; wire them so"
-    else:
-        return
-    raise WiringError(msg)
+    if pump.register != registers.holding("pump_duty").address:
+        yield "pump: the firmware jammkle takes the duty in register 1"
+    if (pump.at_zero, pump.at_full) != (0, full):
+        yield f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
+    if any(address < free for address in wiring.on_connect):
+        yield f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
+    if any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in solenoids):
+        yield "solenoids: the firmware jammkle has coils 0 to 2"
+    if any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
+        yield "sensors: the firmware jammkle has input registers 0 to 3"
+    if any(solenoid.inverted for solenoid in solenoids):
+        yield "solenoids: inverted would turn the safe state of the firmware jammkle into its opposite; wire them so"
