@@ -76,11 +76,7 @@ PLANT_STEP_S = 0.001
 class FakePlant:
     """Isothermal volumes behind valves with dead time, a pump with a linear curve, and sensors; any may fail.
 
-    Attributes:
-        air: What it is built of, without faults.
-        time_s: Time since it was made, s.
-        pressures_pa: True pressures by place, Pa absolute.
-
+    It is built of `air` where nothing has failed; `pressures_pa` are the true ones by place, absolute.
     """
 
     def __init__(self, air: AirSettings, ambient_pa: float, sensors: SensorErrors | None = None, seed: int = 0) -> None:
@@ -202,14 +198,10 @@ _SUPPLY_V, _SAGGED_V = 12.0, 8.0
 
 
 class FakeBoard:
-    """Outputs, host watchdog, latches and the link to them.
+    """Outputs, host watchdog, latches and the link to them, before a plant.
 
-    Attributes:
-        plant: What is behind the pins.
-        link: What the driver knows of the board.
-        driven: What the outputs do.
-        noise_share: Share of telegrams whose check sum is wrong, 0 to 1, for who exchanges them.
-
+    `driven` is what the outputs do, `noise_share` the share of telegrams whose check sum is wrong, for who exchanges
+    them.
     """
 
     def __init__(self, plant: FakePlant) -> None:
@@ -294,15 +286,7 @@ class ScriptError(ValueError):
 
 @dataclass(frozen=True)
 class ScriptedFault:
-    """One line of a script.
-
-    Attributes:
-        time_s: When, s after the start.
-        fault: What fails; None heals everything.
-        place: Where: a channel or the manifold.
-        size: How much; see `FakeFault` and `LinkFault`.
-
-    """
+    """One line of a script: when, s after the start, what fails (None heals everything), where, and how much."""
 
     time_s: float
     fault: FakeFault | LinkFault | None

@@ -201,12 +201,7 @@ _LONGEST_LAG_S = 2.0 * WATCHDOG_S
 
 
 class FakeHardware:
-    """An ankle of plain numbers behind a board. Implements `core.hardware.Hardware`.
-
-    Attributes:
-        board: The board, for tests that let it or the plant behind it fail.
-
-    """
+    """An ankle of plain numbers behind a board, which tests let fail. Implements `core.hardware.Hardware`."""
 
     def __init__(self, context: HardwareContext) -> None:
         """Start the plant, vented.

@@ -65,14 +65,10 @@ class DriverNode(LockstepNode, LifecycleNode):
     """Pump and solenoids of one ankle as topics and services."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Declare the parameters; topics and services come with `on_configure`.
-
-        Args:
-            node_options: Passed on to rclpy (`parameter_overrides`, `namespace`, `context`).
+        """Declare the parameters; topics and services come with `on_configure`. Options are those of rclpy's node.
 
         Raises:
             ParameterError: a parameter is unknown or out of range.
-
         """
         super().__init__(DRIVER_NODE, **node_options)
         refuse_bad_transitions(self)
@@ -270,12 +266,7 @@ class DriverNode(LockstepNode, LifecycleNode):
             self._outputs.repeat_state(self._driver, self._refused_command)
 
     def _settle(self, now: Instant | None = None) -> None:
-        """Let everybody know what has changed; called after everything that may change something.
-
-        Args:
-            now: When that was; None: now.
-
-        """
+        """Let everybody know what has changed; called after everything that may change something."""
         if self._outputs is None or self._hardware is None:
             return
         command = self._driver.command

@@ -128,16 +128,10 @@ _LOW_SUPPLY = "supply of pump and valves: is it on? divider at its pin, `supply_
 
 @dataclass(frozen=True)
 class CommissioningOptions:
-    """What is walked.
+    """What is walked, at the board at `port`.
 
-    Attributes:
-        port: Where the board is.
-        wiring: How it is wired.
-        board_file: The file that says so; None: the shipped one.
-        output: Where a new board file goes; None: beside the old one.
-        calibrates: Whether the sensors are calibrated.
-        pace: Factor on how long is waited for pump, valves and leaks.
-
+    `board_file` says how it is wired (None: the shipped one), a new one goes to `output` (None: beside the old one),
+    and `pace` is a factor on how long is waited for pump, valves and leaks.
     """
 
     port: str
@@ -151,17 +145,13 @@ class CommissioningOptions:
 async def commission(
     options: CommissioningOptions, person: Prompt, stops: Callable[[], bool] = lambda: False
 ) -> list[CheckRow]:
-    """Check pump, valves, sensors and leaks; whatever happens, the outputs are released at the end.
+    """Check pump, valves, sensors and leaks, and return every row; `stops` says whether somebody wants an end.
 
-    Args:
-        options: What is walked.
-        person: Who reads and answers.
-        stops: Whether somebody wants an end: the outputs are then released, too.
+    Whatever happens, the outputs are released at the end.
 
     Raises:
         LineError: the board is not there, or has gone.
-        Interrupted: somebody wanted an end; the outputs are released.
-
+        Interrupted: somebody wanted an end.
     """
     patient = replace(options.wiring, reply_timeout_s=max(options.wiring.reply_timeout_s, _REPLY_TIMEOUT_S))
     line = Line(options.port, patient, tries=_TRIES)
@@ -321,13 +311,7 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class SensorLine:
-    """A sensor's straight line through two points.
-
-    Attributes:
-        low: Smaller number of its register, and the pressure there, Pa.
-        high: Larger number, and the pressure there, Pa.
-
-    """
+    """A sensor's straight line through two points, each a number of its register and the pressure there, Pa."""
 
     low: tuple[float, float]
     high: tuple[float, float]

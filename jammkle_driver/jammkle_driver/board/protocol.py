@@ -40,16 +40,7 @@ _RESET_CAUSES = {
 
 @dataclass(frozen=True)
 class BoardState:
-    """What the board says of itself.
-
-    Attributes:
-        faults: What it finds wrong now.
-        reset_cause: What has last reset it.
-        uptime_s: Time since it has started, s.
-        supply_v: Voltage of the supply, V.
-        crc_errors: Frames that it threw away since it started.
-
-    """
+    """What the board says of itself: `crc_errors` are the frames that it threw away since it started."""
 
     faults: frozenset[BoardFault]
     reset_cause: ResetCause
@@ -70,7 +61,6 @@ class Exchange:
         state: What the board says of itself; None where it was not asked in this cycle, or has no such register.
         sent_s: When the cycle began, s of the steady clock; what the board read and did was after that,
         received_s: and before this, when the last reply was in.
-
     """
 
     sensors_pa: Mapping[str, float]

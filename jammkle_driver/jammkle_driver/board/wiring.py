@@ -44,14 +44,8 @@ class Solenoid:
 class Pump:
     """The pump: a holding register that takes a duty, or a coil that only switches.
 
-    Attributes:
-        register: Address of the holding register; None for a coil.
-        coil: Address of the coil; None for a register.
-        at_zero: Number in the register for duty 0.
-        at_full: Number in the register for duty 1; below `at_zero` for a drive that runs faster with less.
-        threshold: Duty above which a coil is on.
-        inverted: For a coil: 0 runs the pump.
-
+    The register has `at_zero` for duty 0 and `at_full` for duty 1, which is less for a drive that runs faster with
+    less. The coil is on above the duty `threshold`; `inverted`: 0 runs the pump.
     """
 
     register: int | None = None
@@ -72,18 +66,10 @@ class Pump:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One pressure sensor: a register, and the line from its number to Pa.
+    """One pressure sensor: a register of the table `input` or `holding`, and the line from its number to Pa.
 
-    Attributes:
-        register: Address.
-        table: `input` or `holding`.
-        signed: Whether the number is a 16-bit two's complement.
-        scale: Pa per step; negative for a sensor that counts down.
-        offset_pa: Pa at number 0.
-        vacuum: True if it measures vacuum below ambient, positive; False for absolute pressure.
-        minimum: Number below which the sensor counts as broken.
-        maximum: Number above which the sensor counts as broken.
-
+    `signed` numbers are 16-bit two's complements. The pressure is `offset_pa` and `scale` Pa per step, absolute or, for
+    `vacuum`, below ambient and positive. Below `minimum` and above `maximum` the sensor counts as broken.
     """
 
     register: int
@@ -110,20 +96,13 @@ class Wiring:
     """Everything that a board file says.
 
     Attributes:
-        firmware: Whose firmware it has.
         unit: Address of the board on the line, 1 to 247.
-        baud_rate: Of a serial line.
-        parity: `N`, `E` or `O`.
-        stop_bits: 1 or 2.
-        reply_timeout_s: Longest time until a reply is there, s.
         rate_hz: How often outputs are written and all sensors read, 1/s.
         watchdog_ms: For the project's firmware: silence after which it goes to its safe state, ms.
-        pump: The pump.
         solenoids: By channel.
         sensors: By place: channels, and `manifold` if it has one.
         on_connect: Numbers that are written to holding registers whenever the link comes up, such as the time of a
             watchdog that the board has itself.
-
     """
 
     firmware: Firmware

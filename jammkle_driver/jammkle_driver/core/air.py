@@ -226,13 +226,9 @@ SETTLING_S = 0.15
 
 @dataclass(frozen=True)
 class LeakRate:
-    """A leak as it was seen last.
+    """A leak as it was seen last: the rise of the pressure, and what it is into all that was connected.
 
-    Attributes:
-        rate_pa_s: Rise of the pressure, Pa/s.
-        conductance_m3_s_pa: Sonic conductance of the leak into all that was connected, m^3/(s Pa).
-        connected: Channels that were connected, and decayed together with the manifold.
-
+    The channels that were connected decayed together with the manifold; `conductance_m3_s_pa` is sonic.
     """
 
     rate_pa_s: float

@@ -32,10 +32,9 @@ _LEFT_OUT_PA_RTS = 16.0
 
 @dataclass(frozen=True)
 class Step:
-    """What happened from one set of readings to the next.
+    """What happened from one set of readings to the next, `duration_s` later.
 
     Attributes:
-        duration_s: Time between, s.
         readings_pa: What each sensor read at the end, Pa absolute: manifold, then channels; NaN where nothing came.
         connected: Per channel, whether it was commanded to the manifold.
         switching: Per channel, whether its valve may be moving.
@@ -43,7 +42,6 @@ class Step:
         duty_doubt: How far the duty that acts may be from that, 0 to 1.
         ambient_pa: Pressure of the atmosphere, Pa.
         heat_pa: Per volume, how far its pressure may still go as its air comes back to the temperature of the wall, Pa.
-
     """
 
     duration_s: float
@@ -199,12 +197,7 @@ _BY_CHANCE = 1e-6
 
 
 class Freshness:
-    """Compares each set of readings with the one before.
-
-    Attributes:
-        run: How many sets in a row have repeated the one before them.
-
-    """
+    """Compares each set of readings with the one before; `run` sets in a row have repeated the one before them."""
 
     def __init__(self) -> None:
         """Know nothing of the sensors yet."""
@@ -286,16 +279,8 @@ class Scoring:
 class Estimate:
     """What one hypothesis makes of the ankle; the manifold first, then the channels.
 
-    Attributes:
-        pressures_pa: True pressures, Pa absolute.
-        offsets_pa: How much each sensor reads too high, Pa.
-        pump_share: Flow of the pump over the declared one, 1.
-        pump_end_share: Ultimate vacuum of the pump over the declared one, 1.
-        line_shares: Conductance of each channel's line over the declared one, 1.
-        leaks_m3_s_pa: Sonic conductance of each volume's leak, m^3/(s Pa).
-        leak_deviations_m3_s_pa: Standard deviations of those.
-        pump_deviation: Standard deviation of the pump's share.
-
+    Pressures are absolute, and each sensor reads too high by its offset. Shares are of what was declared: the pump's
+    flow and ultimate vacuum, and each line's conductance. Leaks are sonic conductances; deviations are standard ones.
     """
 
     pressures_pa: tuple[float, ...]

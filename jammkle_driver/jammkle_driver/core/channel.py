@@ -62,15 +62,7 @@ class ChannelStatus:
 class Channel:
     """State machine of one channel. Fed with set points and measurements; says whether to energise the solenoid.
 
-    Attributes:
-        name: Name of the channel.
-        state: Where the channel stands.
-        set_point_pa: Vacuum to hold, Pa; 0 = unjam.
-        vacuum_pa: Vacuum measured, Pa; None where it is not.
-        energised: Whether the solenoid shall connect the channel to the manifold.
-        reason: Why it is in this state.
-        fault: What has failed, or why it was let go.
-
+    Public are what `ChannelStatus` says, and `energised`: whether the solenoid shall connect it to the manifold.
     """
 
     def __init__(self, name: str, parameters: DriverParameters) -> None:
@@ -126,12 +118,9 @@ class Channel:
         self._note(why)
 
     def ask(self, vacuum_pa: float, reason: str) -> None:
-        """Take a new set point: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
+        """Take a new set point, `vacuum_pa` Pa, 0 to vent, and who asks, or why.
 
-        Args:
-            vacuum_pa: Vacuum wanted, Pa.
-            reason: Who asks, or why.
-
+        A channel that is disabled or in FAULT stays as it is.
         """
         if not self._enabled or self.state is ChannelState.FAULT:
             return

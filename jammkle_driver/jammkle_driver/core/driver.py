@@ -97,15 +97,11 @@ INACTIVE = "driver is not active"
 class Driver:
     """Takes requests, measurements and the time; says what the actuators shall do and what is known.
 
-    Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that
-    says what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one
-    vacuum, since they share one manifold.
+    Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that says
+    what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one vacuum,
+    since they share one manifold.
 
-    Attributes:
-        parameters: What it goes by; those that may change while it runs may be replaced.
-        ankle: The ankle, to look at.
-        own_pace: Whether the driver itself keeps up.
-
+    Of its parameters those that may change while it runs may be replaced; `own_pace` says whether it keeps up itself.
     """
 
     def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
@@ -326,13 +322,10 @@ class Driver:
         self.ankle.evidence.acknowledge(driven, stamp_s)
 
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
-        """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.
+        """Take the state of the link, and return whether the board's latched safe state is to be acknowledged now.
 
-        While a board that had let go has not yet taken the release nothing jams; a stream's set point then counts.
-
-        Returns:
-            Whether the board's latched safe state is to be acknowledged now.
-
+        Fail, or let go, with a board that does not answer or has let go by itself. While a board that had let go has
+        not yet taken the release nothing jams; a stream's set point then counts.
         """
         self._link = link
         if link.plant_restarts != self._plant_restarts:

@@ -24,17 +24,8 @@ TABLES = {"coils": 1, "discrete_inputs": 2, "input_registers": 4, "holding_regis
 class Register:
     """One register, or one bit of the two tables of bits.
 
-    Attributes:
-        name: Its name.
-        address: Its address, from 0.
-        unit: Unit of the value, or empty for a plain number.
-        per_step: Value of one step, in `unit`.
-        minimum: Smallest number taken.
-        maximum: Largest number taken.
-        default: Number after a start, if nothing is stored.
-        stored: Whether the board can keep it over a reset.
-        note: What it is.
-
+    Its numbers, from `minimum` to `maximum`, count steps of `per_step` in `unit` (empty: a plain number). `default` is
+    that after a start, if nothing is `stored` over a reset.
     """
 
     name: str
@@ -58,14 +49,9 @@ class Register:
 
 @dataclass(frozen=True)
 class RegisterList:
-    """Every register by table and name.
+    """Every register by table and name, in the order of their addresses; names of bits from bit 0 on.
 
-    Attributes:
-        version: Of the list.
-        tables: Registers by table, in the order of their addresses.
-        bits: Names of the bits of the registers that hold bits, from bit 0 on.
-        mirror: Address from which all input registers can be read as holding registers.
-
+    All input registers can be read as holding registers from the address `mirror` on.
     """
 
     version: int

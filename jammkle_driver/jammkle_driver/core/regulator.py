@@ -32,10 +32,8 @@ _LONGEST_STEP_S = 0.1
 class PumpRegulator:
     """PI regulator from measured vacuum to pump duty, bounded 0 to 1, with conditional integration.
 
-    Attributes:
-        full_s: For how long the pump has worked at full duty for one set point, without coming to it, s.
-        resting: Whether the set point is held without the pump.
-
+    `full_s` is for how long the pump has worked at full duty for one set point without coming to it, s; `resting`,
+    whether the set point is held without the pump.
     """
 
     def __init__(self, parameters: DriverParameters) -> None:
@@ -109,13 +107,9 @@ class PumpRegulator:
 class PumpLoad:
     """How warm the pump is, by a first-order model of its mean duty: what it bears for ever is `pump_rated_duty`.
 
-    Short work at full duty is free; the duty is held to the rated one once the mean has come up to it, and until it
-    has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the losses).
-
-    Attributes:
-        mean_duty: Mean duty over the thermal time constant, 0 to 1.
-        limited: Whether the pump is being spared.
-
+    Short work at full duty is free; the pump is `limited` to the rated one once the mean has come up to it, and until
+    that has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the
+    losses).
     """
 
     def __init__(self, parameters: DriverParameters) -> None:
@@ -161,14 +155,10 @@ class ExcessVent:
     def pulse(
         self, excesses_pa: Mapping[str, float], connected_m3: float, stamp_s: float, period_s: float
     ) -> frozenset[str]:
-        """Return the channels that vent until the next reading.
+        """Return the channels that vent from `stamp_s` until the next reading, `period_s` later.
 
-        Args:
-            excesses_pa: How far channels that are connected are above the set point, Pa; those alone that are.
-            connected_m3: All air that is connected, m^3.
-            stamp_s: When they were read, s.
-            period_s: Time until the next reading, s.
-
+        `excesses_pa` are of the channels that are connected and above the set point; `connected_m3` is all air that is
+        connected.
         """
         if not excesses_pa:
             self._excessive_since_s = None

@@ -26,13 +26,7 @@ class RequestError(ValueError):
 
 @dataclass(frozen=True)
 class SetPoint:
-    """What one channel shall do.
-
-    Attributes:
-        channel: Name of the channel.
-        vacuum_pa: Vacuum to hold, Pa, gauge, positive; 0 = unjam.
-
-    """
+    """What one channel shall do: the vacuum to hold, Pa, gauge, positive; 0 = unjam."""
 
     channel: str
     vacuum_pa: float
@@ -107,17 +101,12 @@ def checked_set_points(
 
 
 def check_shared_vacuum(set_points: Sequence[SetPoint], held_pa: Mapping[str, float]) -> None:
-    """Check that all channels still share one vacuum once the set points are taken.
+    """Check that all channels still share one vacuum once the set points, which jam with one at most, are taken.
 
     One pump, one manifold and valves that only connect or vent cannot hold two vacuums at once.
 
-    Args:
-        set_points: What would be taken; its vacuums are 0 or one and the same.
-        held_pa: Vacuum asked for until now, per channel, Pa; 0 = unjam.
-
     Raises:
         RequestError: a channel that the set points leave alone is jammed to another vacuum.
-
     """
     named = {set_point.channel for set_point in set_points}
     for vacuum_pa in {set_point.vacuum_pa for set_point in set_points if set_point.vacuum_pa > 0.0}:
@@ -155,14 +144,10 @@ _REMEMBERED = 256
 
 
 class Publication(NamedTuple):
-    """What the middleware says of a message.
+    """What the middleware says of a message: which of its publisher's it is, and how many of those the topic has now.
 
-    Attributes:
-        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count, so that all
-            publishers are taken for one.
-        sent_ns: When it was published, ns since 1970 by the publisher's clock.
-        publishers: How many publishers the topic has now.
-
+    `number` counts from 1; it is 0 where the middleware does not count, so that all publishers are taken for one.
+    `sent_ns` is since 1970 by the publisher's clock.
     """
 
     number: int = 0
@@ -176,15 +161,9 @@ ONLY_PUBLISHER = Publication()
 
 @dataclass
 class Publisher(Generic[Value]):
-    """One of a topic's publishers.
+    """One of a topic's publishers: its last message, when that was received in the driver's time, and what it said.
 
-    Attributes:
-        number: Number of its last message.
-        sent_ns: When that was published, ns.
-        received_s: When that was received, s of the driver's time.
-        value: What it said.
-        gone: Whether it is no longer in the graph.
-
+    It is gone where it is no longer in the graph.
     """
 
     number: int
@@ -198,31 +177,17 @@ class Publishers(Generic[Value]):
     """Those of one topic that have sent something."""
 
     def __init__(self, keep: Value | None = None) -> None:
-        """Know of none.
-
-        Args:
-            keep: Whoever said this last is the last to count as gone.
-
-        """
+        """Know of none; whoever said `keep` last is the last to count as gone."""
         self._keep = keep
         self.all: list[Publisher[Value]] = []
         self._seen: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
         self._too_many_since_s: float | None = None
 
     def take(self, value: Value, publication: Publication, now_s: float) -> Publisher[Value] | None:
-        """Return the publisher of a message, its value and time noted.
+        """Return the publisher of a message, its value and time noted; None for one received before, or late.
 
         Of several that it may be from, it is the one that has said the same before, and of those the one that has been
         silent the longest: one that says true is never taken back by a false of somebody else.
-
-        Args:
-            value: What the message says.
-            publication: What the middleware says of it.
-            now_s: Time, s.
-
-        Returns:
-            Whose it is; None for a message that was received before, or is older than its publisher's last.
-
         """
         number, sent_ns, publishers = publication
         self.count(publishers, now_s)
@@ -367,12 +332,7 @@ class EmergencyStop:
     """Says why everything is to be stopped; the reason stays until it is cleared."""
 
     def __init__(self, timeout_s: float) -> None:
-        """Ask for nothing.
-
-        Args:
-            timeout_s: Silence of any publisher that is a stop, s; 0: silence is none.
-
-        """
+        """Ask for nothing; silence of any publisher for `timeout_s` is a stop (0: none is)."""
         self._timeout_s = timeout_s or math.inf
         self._silence = Watchdog(self._timeout_s)
         """Of all of them, where there may be none."""
@@ -408,13 +368,7 @@ class EmergencyStop:
             self._publishers.forget_gone()
 
     def tick(self, publishers: int | None, now: Instant) -> None:
-        """Look for publishers that have fallen silent or have left.
-
-        Args:
-            publishers: How many the topic has in the graph; None where that is not known.
-            now: The time.
-
-        """
+        """Look for publishers that have fallen silent or have left; None: their number is not known."""
         if publishers is not None:
             self._publishers.count(publishers, now.graph_s)
         if self.reason:

@@ -31,12 +31,7 @@ class Instant:
 
 
 class Watchdog:
-    """Expires when more than `timeout_s` has passed since it was last fed, in the time that the ankle lives in.
-
-    Attributes:
-        timeout_s: Silence allowed, s.
-
-    """
+    """Expires when more than `timeout_s` has passed since it was last fed, in the time that the ankle lives in."""
 
     def __init__(self, timeout_s: float) -> None:
         """Make a watchdog that was never fed, and so never expires."""
@@ -80,14 +75,7 @@ _REMEMBERED_S = 5.0
 
 
 class OverloadWatch:
-    """Looks at the times between two pieces of regular work, on the steady clock.
-
-    Attributes:
-        late_s: Mean lateness, s.
-        stalls: How often the driver stood still.
-        longest_s: Longest standstill, s.
-
-    """
+    """Looks at the times between two pieces of regular work, on the steady clock: mean lateness, and standstills."""
 
     def __init__(self, period_s: float) -> None:
         """Make one for work that should come every `period_s` s."""
@@ -172,13 +160,7 @@ class LinkGuard:
         self._lost = False
 
     def look(self, link: LinkStatus, *, jammed: bool) -> LinkVerdict:
-        """Return what to do.
-
-        Args:
-            link: What is known of the link now.
-            jammed: Whether a channel is asked to jam.
-
-        """
+        """Return what to do about the link; `jammed` where a channel is asked to jam."""
         if jammed and link.state is LinkState.CONNECTED and link.latched == {SafeCause.HOST_SILENT}:
             # The driver itself was late: what is asked for again may be jammed again.
             text = f"the board let go: {SafeCause.HOST_SILENT.value}"
@@ -286,21 +268,10 @@ class SensorWatch:
     A silent sensor ends in a latched fault, which needs evidence that a pause of the host cannot make. So silence is
     counted in ticks of the driver, each by two periods at the most, however late it comes; and where hardware is asked
     and answers, by those ticks alone in which an answer was taken. Whether it answers at all, its link says.
-
-    Attributes:
-        timeout_s: Silence after which a pressure counts as not measured, s.
-
     """
 
     def __init__(self, channels: Sequence[str], timeout_s: float, period_s: float) -> None:
-        """Watch the sensors of `channels` and of the manifold.
-
-        Args:
-            channels: Names of the channels.
-            timeout_s: Silence that counts as not measured, s.
-            period_s: Time between two ticks, s.
-
-        """
+        """Watch the manifold and `channels`, in ticks of `period_s`; who is silent for `timeout_s` is not measured."""
         self._names = tuple(channels)
         self.timeout_s = timeout_s
         self._period_s = period_s
@@ -341,12 +312,9 @@ class SensorWatch:
         return self._silent_s.get(place, 0.0) > self.timeout_s
 
     def tick(self, passed_s: float, *, asked: bool) -> None:
-        """Count the time since the last tick.
+        """Count the time since the last tick, 0 where nothing could be measured in it.
 
-        Args:
-            passed_s: That time, s; 0 where nothing could be measured in it.
-            asked: Whether the hardware is asked, and answers each time; else it speaks by itself.
-
+        Hardware that is `asked` answers each time; else it speaks by itself.
         """
         counted_s = min(max(passed_s, 0.0), 2.0 * self._period_s)
         if asked and not self._answered:
