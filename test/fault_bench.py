@@ -247,13 +247,13 @@ class FaultBench:
 
     def reported(self) -> tuple[Reason, str]:
         """Return what the driver says is wrong, and where; (NONE, "") where nothing is."""
-        status = self.driver.status
+        trouble = self.driver.trouble.why
         if self.driver.ankle.findings:
             found = self.driver.ankle.findings[0]
             return found.reason, found.place
-        if status.trouble.reason is not Reason.NONE:
+        if trouble.reason is not Reason.NONE:
             faulty = [channel.name for channel in self.driver.ankle.faulty]
-            return status.trouble.reason, faulty[0] if faulty else MANIFOLD
+            return trouble.reason, faulty[0] if faulty else MANIFOLD
         return Reason.NONE, ""
 
     @staticmethod

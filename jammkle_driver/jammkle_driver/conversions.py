@@ -68,24 +68,23 @@ def set_points(message: JamCommand) -> tuple[SetPoint, ...]:
 
 def jam_state_message(driver: Driver, stamp: Time, refused_command: str = "") -> JamState:
     """Return what is known of the channels as a message; what is not measured is NaN."""
-    status, parameters = driver.status, driver.parameters
+    ankle, trouble, parameters = driver.ankle, driver.trouble, driver.parameters
     message = JamState()
     message.header.stamp = stamp
-    message.emergency_stopped = bool(status.stop_reason)
-    message.manifold_vacuum_pa = _or_nan(status.manifold_vacuum_pa)
+    message.emergency_stopped = bool(driver.stop.reason)
+    message.manifold_vacuum_pa = _or_nan(ankle.manifold_vacuum_pa)
     message.channels = [
         ChannelJamState(
             channel=channel.name,
             state=channel.state.value,
-            commanded_vacuum_pa=channel.commanded_vacuum_pa,
-            measured_vacuum_pa=_or_nan(channel.measured_vacuum_pa),
-            reason=channel.reason,
-            fault=channel.fault.value,
+            commanded_vacuum_pa=channel.set_point_pa,
+            measured_vacuum_pa=_or_nan(channel.vacuum_pa),
+            reason=channel.why.text,
+            fault=channel.why.reason.value,
         )
-        for channel in status.channels
+        for channel in ankle.channels.values()
     ]
-    trouble = status.trouble
-    message.fault = Fault(reason=trouble.reason.value, text=trouble.text, action=trouble.action)
+    message.fault = Fault(reason=trouble.why.reason.value, text=trouble.why.text, action=trouble.action)
     message.min_vacuum_pa, message.max_vacuum_pa = parameters.min_vacuum_pa, parameters.max_vacuum_pa
     message.refused_command = refused_command
     message.reservoir_volume_m3 = parameters.reservoir_volume_m3

@@ -34,7 +34,7 @@ from jammkle_common.names import (
 from jammkle_common.parameters import declare, on_change
 from jammkle_common.qos import MessageInfo, publisher_qos, subscribe_to_any
 from jammkle_driver.conversions import jam_state_message, seconds, set_points
-from jammkle_driver.core.driver import Driver, check_carried_out
+from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import LinkState
 from jammkle_driver.core.requests import Publication, RequestError
 from jammkle_driver.core.watch import Instant
@@ -197,7 +197,7 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _unjam(self, channels: Sequence[str], asked_by: str) -> str:
         answer = self._driver.unjam(channels, asked_by)
         link = None if self._hardware is None else self._hardware.link
-        check_carried_out(self._driver.status, channels, link)
+        self._driver.check_carried_out(channels, link)
         return answer
 
     def _on_sample(self, sample: PressureSample) -> None:
@@ -278,7 +278,7 @@ class DriverNode(LockstepNode, LifecycleNode):
             self._reported = reported
             self._outputs.repeat_state(self._driver, self._refused_command)
             self._diagnostics.check()
-            faults = tuple(dict.fromkeys(channel.reason for channel in self._driver.ankle.faulty))
+            faults = tuple(dict.fromkeys(channel.why.text for channel in self._driver.ankle.faulty))
             for fault in faults:
                 if fault not in self._faults:
                     self.get_logger().error(fault)

@@ -70,7 +70,7 @@ class Host:
 
     @property
     def reported(self) -> Reason:
-        return self.bench.driver.status.trouble.reason
+        return self.bench.driver.trouble.why.reason
 
     def run(self, duration_s: float, *, wander: bool = True) -> None:
         end_s = self.bench.plant.time_s + duration_s
@@ -209,7 +209,7 @@ class AskedBoard:
 
     @property
     def reasons(self) -> set[Reason]:
-        return {channel.fault for channel in self.driver.ankle.faulty}
+        return {channel.why.reason for channel in self.driver.ankle.faulty}
 
 
 def test_a_board_whose_answers_come_too_late_is_no_fault() -> None:
@@ -222,7 +222,7 @@ def test_a_board_whose_answers_come_too_late_is_no_fault() -> None:
     asked.driver.jam((), SET_POINT_PA, "test")
     asked.run(DriverParameters().pressure_timeout_s + 2.0 * TICK_PERIOD_S, answers=False)
     assert asked.reasons == set()
-    assert asked.driver.status.trouble.reason is Reason.BOARD_LET_GO
+    assert asked.driver.trouble.why.reason is Reason.BOARD_LET_GO
     assert asked.driver.command == released(CHANNELS)
     asked.run(30.0, answers=False)
     assert asked.reasons == set()
@@ -240,12 +240,12 @@ def test_a_board_that_is_lost_while_vented_comes_back_without_anybody() -> None:
     asked.run(1.0)
     asked.link = replace(asked.link, state=LinkState.LOST, detail="no reply")
     asked.run(5.0, answers=False)
-    assert asked.driver.status.trouble.reason is Reason.BOARD_UNPLUGGED
+    assert asked.driver.trouble.why.reason is Reason.BOARD_UNPLUGGED
     with pytest.raises(RequestError, match="does not answer"):
         asked.driver.jam((), SET_POINT_PA, "test")
     asked.link = replace(asked.link, state=LinkState.CONNECTED)
     asked.run(0.2)
-    assert asked.driver.status.trouble.reason is Reason.NONE
+    assert asked.driver.trouble.why.reason is Reason.NONE
     asked.driver.jam((), SET_POINT_PA, "test")
     asked.link = replace(asked.link, state=LinkState.LOST)
     asked.run(TICK_PERIOD_S, answers=False)

@@ -194,7 +194,7 @@ def test_a_second_fault_is_reported_while_the_first_stands(fault: FakeFault, siz
     run(bench, 1.0)
     found = bench.driver.ankle.findings[-1]
     assert (found.reason, found.place) == (Reason.LEAK, "peroneal_left")
-    states = {channel.name: channel.state.name for channel in bench.driver.status.channels}
+    states = {channel.name: channel.state.name for channel in bench.driver.ankle.channels.values()}
     assert states == {"achilles": "FAULT", "peroneal_left": "FAULT", "peroneal_right": "JAMMED"}
     bench.driver.unjam(("peroneal_right",), "test")
     run(bench, 0.5)

@@ -14,7 +14,7 @@ from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.air import Atmosphere
 from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import Driver, check_carried_out
+from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.regulator import PumpLoad
@@ -83,7 +83,7 @@ def test_the_policy_says_what_one_fault_means_for_the_others(policy: str, *, oth
     bench = jammed_bench(fault_policy=policy)
     bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
     run(bench, 1.5)
-    states = {channel.name: channel.state for channel in bench.driver.status.channels}
+    states = {channel.name: channel.state for channel in bench.driver.ankle.channels.values()}
     assert states.pop("achilles") is ChannelState.FAULT
     wanted = ChannelState.JAMMED if others_jammed else ChannelState.UNJAMMED
     assert set(states.values()) == {wanted}
@@ -95,7 +95,7 @@ def test_the_policy_says_what_one_fault_means_for_the_others(policy: str, *, oth
         run(bench, 0.5)
         bench.driver.jam((), 0.0, "test")
         run(bench, 1.5)
-        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+        assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.JAMMED}
 
 
 @pytest.mark.parametrize("policy", ["ankle", "channel"])
@@ -118,8 +118,8 @@ def test_a_sensor_stuck_at_zero_is_reported_and_the_others_do_not_flap(
                 passed[name].append(state)
 
     run(bench, 4.0, watch)
-    assert [(channel.name, channel.fault) for channel in bench.driver.ankle.faulty] == [("achilles", reason)]
-    assert bench.driver.status.trouble.reason is reason
+    assert [(channel.name, channel.why.reason) for channel in bench.driver.ankle.faulty] == [("achilles", reason)]
+    assert bench.driver.trouble.why.reason is reason
     let_go = [] if policy == "channel" else [ChannelState.VENTING, ChannelState.UNJAMMED]
     assert passed == {name: [ChannelState.JAMMED, *let_go] for name in others}
 
@@ -148,10 +148,10 @@ def torn_under_a_wrong_sensor(channels: tuple[str, ...], *, diagnose: bool, whil
 def test_a_sensor_off_by_the_set_point_does_not_hide_a_leak(channels: tuple[str, ...]) -> None:
     """The sensor is blamed where it is off before the jam; both failing while jammed is reported, as one of several."""
     bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=False)
-    faulty = {channel.name: channel.fault for channel in bench.driver.ankle.faulty}
+    faulty = {channel.name: channel.why.reason for channel in bench.driver.ankle.faulty}
     assert faulty == {"achilles": Reason.SENSOR_DRIFTING}
     bench = torn_under_a_wrong_sensor(channels, diagnose=True, while_jammed=True)
-    assert bench.driver.status.trouble.reason in {Reason.LEAK, Reason.BLOCKED_LINE, Reason.SENSOR_DRIFTING}
+    assert bench.driver.trouble.why.reason in {Reason.LEAK, Reason.BLOCKED_LINE, Reason.SENSOR_DRIFTING}
 
 
 @pytest.mark.parametrize("while_jammed", [False, True], ids=["before", "jammed"])
@@ -159,9 +159,9 @@ def test_a_sensor_off_by_the_set_point_does_not_hide_a_leak(channels: tuple[str,
 def test_a_pump_at_full_duty_is_not_jammed_for_ever(channels: tuple[str, ...], *, while_jammed: bool) -> None:
     """By time-outs alone, a pump that does not come to the set point is given up, even within the tolerance of it."""
     bench = torn_under_a_wrong_sensor(channels, diagnose=False, while_jammed=while_jammed)
-    trouble = bench.driver.status.trouble
-    assert trouble.reason is Reason.NOT_REACHED
-    assert "jam_timeout_s" in trouble.text
+    trouble = bench.driver.trouble
+    assert trouble.why.reason is Reason.NOT_REACHED
+    assert "jam_timeout_s" in trouble.why.text
     assert channels or bench.driver.ankle.faulty[0].name != "achilles"  # the others, which read the truth
 
 
@@ -211,8 +211,8 @@ def test_a_driver_that_stood_still_faults_nobody_and_jams_again() -> None:
     run(bench, 2.5)
     bench.stand_still(1.5)
     run(bench, 1.5)
-    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
-    assert bench.driver.status.trouble.reason is Reason.EXECUTOR_OVERLOADED
+    assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.JAMMED}
+    assert bench.driver.trouble.why.reason is Reason.EXECUTOR_OVERLOADED
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -225,7 +225,7 @@ def test_an_ankle_that_jams_again_after_its_board_let_go_is_healthy(seed: int) -
         bench.hang(hang_s)
         run(bench, 2.0)
         assert bench.driver.ankle.findings == ()
-        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+        assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.JAMMED}
 
 
 def test_nothing_jams_before_a_board_that_let_go_has_taken_the_release() -> None:
@@ -251,13 +251,13 @@ def test_nonsense_about_the_atmosphere_before_it_was_measured_is_named() -> None
     bench.driver.jam((), SET_POINT_PA, "test")
     run(bench, 0.2)
     faulty = bench.driver.ankle.faulty
-    assert {channel.fault for channel in faulty} == {Reason.SENSOR_OUT_OF_RANGE}
-    assert "if ambient_pressure_pa is right, which no vented channel has confirmed yet" in faulty[0].reason
+    assert {channel.why.reason for channel in faulty} == {Reason.SENSOR_OUT_OF_RANGE}
+    assert "if ambient_pressure_pa is right, which no vented channel has confirmed yet" in faulty[0].why.text
     run(bench, 1.0)
     bench.driver.clear_fault(bench.now)
     bench.driver.jam((), SET_POINT_PA, "test")
     run(bench, 1.5)
-    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+    assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.JAMMED}
 
 
 def test_nonsense_about_the_atmosphere_moves_nothing() -> None:
@@ -281,7 +281,7 @@ def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch
         measure(replace(sample, pressure_pa=counted_pa, counted=True), now)
 
     def jammed() -> None:
-        assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.JAMMED}
+        assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.JAMMED}
 
     monkeypatch.setattr(bench.driver, "measure", measured)
     run(bench, 1.0)
@@ -296,7 +296,7 @@ def test_sensors_of_vacuum_go_with_the_parameter(monkeypatch: pytest.MonkeyPatch
     bench.driver.unjam((), "test")
     bench.driver.ankle.declare_atmosphere(101e3, bench.now)
     run(bench, 2.0)
-    assert {channel.state for channel in bench.driver.status.channels} == {ChannelState.UNJAMMED}
+    assert {channel.state for channel in bench.driver.ankle.channels.values()} == {ChannelState.UNJAMMED}
 
 
 @settings(max_examples=25)
@@ -317,17 +317,17 @@ def test_a_release_that_cannot_take_place_says_so() -> None:
     """Where nobody answers, or a valve stays open, a stop is no success."""
     bench = jammed_bench()
     bench.driver.unjam((), "test")
-    check_carried_out(bench.driver.status, (), bench.link)
+    bench.driver.check_carried_out((), bench.link)
     with pytest.raises(RequestError, match="board"):
-        check_carried_out(bench.driver.status, (), replace(bench.link, state=LinkState.LOST))
+        bench.driver.check_carried_out((), replace(bench.link, state=LinkState.LOST))
     bench.driver.jam((), 0.0, "test")
     run(bench, 1.0)
     bench.plant.inject(FakeFault.STUCK_OPEN, "achilles")
     bench.driver.unjam((), "test")
     run(bench, 2.0)
     with pytest.raises(RequestError, match="achilles does not vent"):
-        check_carried_out(bench.driver.status, ("achilles",), bench.link)
-    check_carried_out(bench.driver.status, ("peroneal_left",), bench.link)
+        bench.driver.check_carried_out(("achilles",), bench.link)
+    bench.driver.check_carried_out(("peroneal_left",), bench.link)
 
 
 def test_late_work_is_reported() -> None:

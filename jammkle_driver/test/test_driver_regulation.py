@@ -53,7 +53,7 @@ class Bench(FaultBench):
         return STANDARD_ATMOSPHERE_PA - self.plant.pressures_pa[channel]
 
     def states(self) -> dict[str, ChannelState]:
-        return {channel.name: channel.state for channel in self.driver.status.channels}
+        return {channel.name: channel.state for channel in self.driver.ankle.channels.values()}
 
 
 any_channels = st.sets(st.sampled_from(CHANNELS), min_size=1)
@@ -162,10 +162,10 @@ def test_jammed_means_at_the_set_point(set_points_pa: list[float], hold_s: float
     bench = Bench()
 
     def says_the_truth() -> None:
-        for channel in bench.driver.status.channels:
-            assert channel.measured_vacuum_pa is not None
-            near = abs(channel.measured_vacuum_pa - channel.commanded_vacuum_pa) <= 2e3
-            assert (channel.state is ChannelState.JAMMED) is (near and channel.commanded_vacuum_pa > 0.0)
+        for channel in bench.driver.ankle.channels.values():
+            assert channel.vacuum_pa is not None
+            near = abs(channel.vacuum_pa - channel.set_point_pa) <= 2e3
+            assert (channel.state is ChannelState.JAMMED) is (near and channel.set_point_pa > 0.0)
 
     for vacuum_pa in set_points_pa:
         bench.driver.jam(sorted(channels), vacuum_pa, "test")
@@ -200,10 +200,10 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
         time_s = count * SAMPLE_S
         sample = PressureSample("left", STANDARD_ATMOSPHERE_PA - 40e3 - miss_pa[count % len(miss_pa)], time_s)
         driver.measure(sample, Instant(time_s, time_s))
-        is_fault = driver.status.channels[0].state is ChannelState.FAULT
+        is_fault = driver.ankle.channels["left"].state is ChannelState.FAULT
         if not 99 <= count <= 102:
             assert is_fault is (count > 100)
-    assert "jam_timeout_s" in driver.status.channels[0].reason
+    assert "jam_timeout_s" in driver.ankle.channels["left"].why.text
 
 
 def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
@@ -214,9 +214,9 @@ def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
     bench.run(0.9)
     assert bench.states()[PERONEAL_RIGHT] is ChannelState.JAMMING
     bench.run(0.3)
-    right = bench.driver.status.channels[1]
+    right = bench.driver.ankle.channels[PERONEAL_RIGHT]
     assert right.state is ChannelState.FAULT
-    assert "jam_timeout_s" in right.reason
+    assert "jam_timeout_s" in right.why.text
     assert not bench.driver.command.solenoids[PERONEAL_RIGHT]
     bench.driver.jam([PERONEAL_LEFT, ACHILLES], 50e3, "test")
     bench.run(1.0)
@@ -232,7 +232,7 @@ def test_a_valve_that_does_not_vent_is_a_fault() -> None:
     bench.driver.unjam([PERONEAL_LEFT], "test")
     bench.run(0.5)
     assert bench.states()[PERONEAL_LEFT] is ChannelState.FAULT
-    assert "vent_timeout_s" in bench.driver.status.channels[0].reason
+    assert "vent_timeout_s" in bench.driver.ankle.channels[PERONEAL_LEFT].why.text
 
 
 def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
@@ -240,7 +240,7 @@ def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
     bench = Bench()
     bench.plant.inject(FakeFault.SENSOR_DEAD, MANIFOLD)
     bench.run(0.6)
-    assert bench.driver.status.manifold_vacuum_pa is None
+    assert bench.driver.ankle.manifold_vacuum_pa is None
     bench.driver.jam([ACHILLES], 40e3, "test")
     bench.run(1.0)
     assert bench.vacuum_pa(ACHILLES) == pytest.approx(40e3, abs=2000.0)

@@ -32,7 +32,7 @@ def jam_s(bench: FaultBench, vacuum_pa: float) -> float:
     bench.driver.jam((), vacuum_pa, "test")
     for sample in range(200):
         bench.step()
-        vacuums_pa = [channel.measured_vacuum_pa or 0.0 for channel in bench.driver.status.channels]
+        vacuums_pa = [channel.vacuum_pa or 0.0 for channel in bench.driver.ankle.channels.values()]
         if min(vacuums_pa) > vacuum_pa - 3e3:
             return sample * SAMPLE_S
     pytest.fail("never jammed")
@@ -44,7 +44,7 @@ def test_it_is_evacuated_while_nothing_is_jammed_and_then_the_pump_rests() -> No
     run(bench, FILLED_S)
     assert manifold_vacuum_pa(bench) == pytest.approx(60e3, abs=1.5e3)
     assert bench.driver.command.pump_duty == 0.0
-    assert all(channel.state is ChannelState.UNJAMMED for channel in bench.driver.status.channels)
+    assert all(channel.state is ChannelState.UNJAMMED for channel in bench.driver.ankle.channels.values())
     without = bench_with(0.0)
     run(without, FILLED_S)
     assert manifold_vacuum_pa(without) < 1e3

@@ -180,7 +180,7 @@ def _recover(bench: FaultBench) -> list[str]:
         bench.step()
         if all(channel.state is ChannelState.JAMMED for channel in bench.driver.ankle.channels.values()):
             return []
-    return [f"{bench.plant.time_s:.2f} s: not jammed after the repair: {bench.driver.status.trouble.text}"]
+    return [f"{bench.plant.time_s:.2f} s: not jammed after the repair: {bench.driver.trouble.why.text}"]
 
 
 def _pass(bench: FaultBench, duration_s: float) -> None:

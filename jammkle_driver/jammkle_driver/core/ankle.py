@@ -189,8 +189,7 @@ class Ankle:
             was_faulty = channel.state is ChannelState.FAULT
             channel.measure(vacuum_pa, elapsed_s)
             if channel.state is ChannelState.FAULT and not was_faulty:
-                status = channel.status
-                self._spread(Finding(status.fault, place, status.reason, status.values))
+                self._spread(channel.why)
                 self.regulate(0.0)
         if judged:
             self._look_into(self.diagnosis.check_range(place, pressure_pa, self.atmosphere))
@@ -297,7 +296,7 @@ class Ankle:
         timeout_s = self.parameters.longest_jam_s
         seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
         seen += f"{timeout_s:g} s (jam_timeout_s)"
-        why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest.status))
+        why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest))
         self.fail((weakest.name,), why.to_clear())
 
     def _note(self, moment: Moment) -> None:

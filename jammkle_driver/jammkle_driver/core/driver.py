@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.ankle import Ankle
@@ -35,60 +34,17 @@ from jammkle_driver.core.watch import (
 from jammkle_driver.parameters import TICK_PERIOD_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from jammkle_driver.core.channel import ChannelStatus
     from jammkle_driver.core.watch import Instant
     from jammkle_driver.parameters import DriverParameters
 
 
-@dataclass(frozen=True)
-class Trouble:
-    """The worst that is known of the whole ankle.
+class Trouble(NamedTuple):
+    """The worst that is known of the whole ankle (NONE where all is well), and what was done about it."""
 
-    Attributes:
-        reason: What it is; NONE where all is well.
-        text: What was seen, as of a `Finding`, whose `values` these are.
-        action: What was done about it.
-
-    """
-
-    reason: Reason = Reason.NONE
-    text: str = ""
-    action: str = ""
-    values: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class DriverStatus:
-    """What is known of the whole driver.
-
-    Attributes:
-        active: Whether it follows requests.
-        stop_reason: Why everything is stopped; empty where it is not.
-        manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
-        channels: One status per channel, in the driver's order.
-        trouble: The worst that is known of the whole ankle.
-        held: Whether solenoids are kept as they were, the pump off.
-        line_noise: What is wrong with the line to the board; None where nothing is.
-        restarted: That the board has started anew a while ago; None where it has not.
-        stop_publishers: How many publishers of emergency_stop there are that have said anything.
-        stop_asked_by: How many of them said true last.
-        commanders: How many publish jam_command now.
-
-    """
-
-    active: bool
-    stop_reason: str
-    manifold_vacuum_pa: float | None
-    channels: tuple[ChannelStatus, ...]
-    trouble: Trouble = Trouble()
-    held: bool = False
-    line_noise: Finding | None = None
-    restarted: Finding | None = None
-    stop_publishers: int = 0
-    stop_asked_by: int = 0
-    commanders: int = 0
+    why: Finding
+    action: str
 
 
 INACTIVE = "driver is not active"
@@ -101,7 +57,15 @@ class Driver:
     what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one vacuum,
     since they share one manifold.
 
-    Of its parameters those that may change while it runs may be replaced; `own_pace` says whether it keeps up itself.
+    Attributes:
+        parameters: What it goes by; those that may change while it runs may be replaced.
+        ankle: Channels, pump and sensors.
+        active: Whether it follows requests.
+        stop: The emergency stop, with its reason and its publishers.
+        streams: Who publishes set points.
+        own_pace: Whether the driver itself keeps up.
+        line_noise: What is wrong with the line to the board; None where nothing is.
+        restarted: That the board has started anew a while ago; None where it has not.
     """
 
     def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
@@ -109,68 +73,50 @@ class Driver:
         self._names = tuple(channels)
         self.parameters = parameters
         self.ankle = Ankle(self._names, parameters)
-        self._streams = CommandStreams(parameters.command_timeout_s)
+        self.streams = CommandStreams(parameters.command_timeout_s)
         self._sensors = SensorWatch(self._names, parameters.pressure_timeout_s, TICK_PERIOD_S)
-        self._emergency_stop = EmergencyStop(parameters.emergency_stop_timeout_s)
+        self.stop = EmergencyStop(parameters.emergency_stop_timeout_s)
         self.own_pace = OverloadWatch(TICK_PERIOD_S)
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
         self._restarts = RestartWatch()
         self._ticked_s: float | None = None
-        self._active = False
+        self.active = False
         self._stopped = False
         self._board_waits = False
         self._link = LinkStatus(LinkState.SEARCHING)
         self._plant_restarts = 0
         self._plant_paused = False
-        self._line_noise: Finding | None = None
-        self._restarted: Finding | None = None
+        self.line_noise: Finding | None = None
+        self.restarted: Finding | None = None
 
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
-        if not self._active:
+        if not self.active:
             return released(self._names)
-        if self._emergency_stop.reason and not self.ankle.held:
+        if self.stop.reason and not self.ankle.held:
             return released(self._names)
         return self.ankle.command
 
     @property
-    def status(self) -> DriverStatus:
-        """What is known now."""
-        ankle = self.ankle
-        return DriverStatus(
-            active=self._active,
-            stop_reason=self._emergency_stop.reason,
-            manifold_vacuum_pa=ankle.manifold_vacuum_pa,
-            channels=tuple(channel.status for channel in ankle.channels.values()),
-            trouble=self._trouble,
-            held=ankle.held,
-            line_noise=self._line_noise,
-            restarted=self._restarted,
-            stop_publishers=self._emergency_stop.publishers,
-            stop_asked_by=self._emergency_stop.asked_by,
-            commanders=self._streams.speaking,
-        )
-
-    @property
     def standing(self) -> tuple[object, ...]:
-        """All of the status but what was measured: what everybody is to know at once when it changes."""
-        channels = [(each.state, each.set_point_pa, each.reason) for each in self.ankle.channels.values()]
+        """All that is known but what was measured: what everybody is to know at once when it changes."""
+        channels = [(each.state, each.set_point_pa, each.why.text) for each in self.ankle.channels.values()]
         return (
-            self._active,
-            self._emergency_stop.reason,
-            self._streams.speaking,
-            self._trouble.reason,
+            self.active,
+            self.stop.reason,
+            self.streams.speaking,
+            self.trouble.why.reason,
             self.parameters.default_vacuum_pa,
             *channels,
         )
 
     def activate(self, now: Instant) -> None:
         """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
-        self._active = True
-        self._streams.forget()
-        self._emergency_stop.begin(now)
+        self.active = True
+        self.streams.forget()
+        self.stop.begin(now)
         for channel in self.ankle.channels.values():
             channel.enable()
         self._permit_storing()
@@ -178,8 +124,8 @@ class Driver:
 
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
-        self._active = False
-        self._streams.forget()
+        self.active = False
+        self.streams.forget()
         self.ankle.release()
         for channel in self.ankle.channels.values():
             channel.disable(INACTIVE)
@@ -208,7 +154,7 @@ class Driver:
         check_shared_vacuum([SetPoint(name, vacuum_pa) for name in names], self.ankle.set_points_pa)
         for name in names:
             self.ankle.ask(name, vacuum_pa, f"asked by {asked_by}")
-            self._streams.release(name)
+            self.streams.release(name)
         self.ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
@@ -220,15 +166,35 @@ class Driver:
 
         """
         names = checked_channels(channels, self._names)
-        if not self._active:
+        if not self.active:
             msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
             raise RequestError(msg)
         self.ankle.release()
         for name in names:
             self.ankle.ask(name, 0.0, f"asked by {asked_by}")
-            self._streams.release(name)
+            self.streams.release(name)
         self.ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}; {WAY_BACK}"
+
+    def check_carried_out(self, channels: Sequence[str], link: LinkStatus | None) -> None:
+        """Check that a release of channels (none named: all) which was just commanded can take place.
+
+        Raises:
+            RequestError: nobody is there to carry it out, or a channel does not vent.
+
+        """
+        if link is not None and link.state is not LinkState.CONNECTED:
+            way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
+            msg = f"released, but the board gets no command ({link.detail}): {way_out}"
+            raise RequestError(msg)
+        for name in checked_channels(channels, self._names):
+            why = self.ankle.channels[name].why
+            if why.reason is Reason.BOARD_UNPLUGGED:
+                msg = f"released, but no sensor answers, so nobody may be there to do it: {why.text}"
+                raise RequestError(msg)
+            if why.reason in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
+                msg = f"released, but {name} does not vent: {why.text}"
+                raise RequestError(msg)
 
     def follow(
         self,
@@ -251,10 +217,10 @@ class Driver:
                 driver is inactive. Nothing has changed, and the message is no sign of life.
 
         """
-        if not self._active:
+        if not self.active:
             msg = f"{INACTIVE}: activate it first"
             raise RequestError(msg)
-        stream = self._streams.of(set_points, publication, now)
+        stream = self.streams.of(set_points, publication, now)
         if stream is None:
             return
         checked = checked_set_points(set_points, self._names, self.parameters)
@@ -264,7 +230,7 @@ class Driver:
             for set_point in checked
             if self.ankle.channels[set_point.channel].vacuum_pa is not None and not self._why_not_ready
         ]
-        stopped = self._emergency_stop.reason
+        stopped = self.stop.reason
         able = [set_point for set_point in measured if not stopped and self.ankle.able(set_point.channel)]
         new = tuple(able) if anew else stream.changes(able)
         jams = any(set_point.vacuum_pa > 0.0 for set_point in new)
@@ -273,7 +239,7 @@ class Driver:
         stream.take(measured, now)
         for set_point in taken:
             self.ankle.ask(set_point.channel, set_point.vacuum_pa, f"asked by {asked_by}")
-            self._streams.lead(stream, set_point.channel)
+            self.streams.lead(stream, set_point.channel)
         self.ankle.regulate(0.0)
 
     def emergency_stop(self, *, stop: bool, now: Instant, publication: Publication = ONLY_PUBLISHER) -> None:
@@ -281,7 +247,7 @@ class Driver:
 
         There may be several publishers: one that says True suffices, and only itself, or its end, takes that back.
         """
-        self._emergency_stop.take(publication, now, stop=stop)
+        self.stop.take(publication, now, stop=stop)
         self._obey_stop()
 
     def clear_fault(self, now: Instant) -> str:
@@ -291,8 +257,8 @@ class Driver:
             RequestError: the emergency stop is still asked for. Nothing has changed.
 
         """
-        was_stopped = bool(self._emergency_stop.reason)
-        refusal = self._emergency_stop.clear(now)
+        was_stopped = bool(self.stop.reason)
+        refusal = self.stop.clear(now)
         if refusal:
             raise RequestError(refusal)
         faulty = self.ankle.faulty
@@ -312,7 +278,7 @@ class Driver:
         self._sensors.take(sample.place, valid=valid)
         if not valid:
             return
-        self.ankle.measure(sample, now, driven=self._active)
+        self.ankle.measure(sample, now, driven=self.active)
 
     def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
         """Take what the hardware says that it drives, from `stamp_s` on or still then, s, on the clock of the samples.
@@ -342,7 +308,7 @@ class Driver:
             self.ankle.fail(self._names, verdict.fault)
         if verdict.let_go is not None:
             self.ankle.vent(verdict.let_go)
-            self._streams.forget()
+            self.streams.forget()
             self.ankle.regulate(0.0)
         if link.state is LinkState.LOST:
             self._forget_pressures()
@@ -350,8 +316,8 @@ class Driver:
 
     def watch_link(self, link: LinkStatus, now: Instant) -> None:
         """Count wrong check sums and the board's starts, several times a second; reported, and nothing is let go."""
-        self._line_noise = self._noise.look(link, now.steady_s)
-        self._restarted = self._restarts.look(link, now.steady_s)
+        self.line_noise = self._noise.look(link, now.steady_s)
+        self.restarted = self._restarts.look(link, now.steady_s)
 
     def follow_another_clock(self) -> None:
         """Forget when regular work was done last: the steady time of the next tick is of another clock."""
@@ -368,27 +334,27 @@ class Driver:
         stood_s = self.own_pace.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has received nothing, and nobody is to blame for that.
-            self._emergency_stop.excuse(stood_s)
-            self._streams.excuse(stood_s)
+            self.stop.excuse(stood_s)
+            self.streams.excuse(stood_s)
             self.ankle.stood_still()
         self._look_at_sensors()
         if self._sensors.unanswered:
             self._let_go_blind()
-        for name in self._streams.fall_silent(now):
+        for name in self.streams.fall_silent(now):
             verb = "held" if self.parameters.holds else "unjammed"
-            text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
-            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
-        if self._active:
-            self._emergency_stop.tick(stop_publishers, now)
+            text = f"{verb}: no accepted jam_command for {self.streams.timeout_s:g} s (command_timeout_s)"
+            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self.streams.values))
+        if self.active:
+            self.stop.tick(stop_publishers, now)
             self._obey_stop()
         self._permit_storing()
         self.ankle.regulate(0.0)
 
     def _check_ready(self) -> None:
-        if not self._active:
+        if not self.active:
             msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
             raise RequestError(msg)
-        if reason := self._emergency_stop.reason:
+        if reason := self.stop.reason:
             msg = f"emergency stop ({reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
             raise RequestError(msg)
         if board := self._why_not_ready:
@@ -400,20 +366,20 @@ class Driver:
         for name in channels:
             channel = self.ankle.channels[name]
             if channel.state is ChannelState.FAULT:
-                msg = f"channel '{name}' is in FAULT ({channel.reason}); nothing was jammed"
+                msg = f"channel '{name}' is in FAULT ({channel.why.text}); nothing was jammed"
                 raise RequestError(msg)
             if not self.ankle.able(name):
                 failed = self.ankle.faulty[0]
-                msg = (
-                    f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
-                )
+                msg = f"channel '{failed.name}' is in FAULT ({failed.why.text}); "
+                msg += "fault_policy is ankle: nothing was jammed"
                 raise RequestError(msg)
             if channel.state is ChannelState.UNKNOWN:
                 msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
                 raise RequestError(msg)
 
     @property
-    def _trouble(self) -> Trouble:
+    def trouble(self) -> Trouble:
+        """The worst that is known of the whole ankle."""
         return self._trouble_of_ankle() or self._trouble_around()
 
     def _trouble_of_ankle(self) -> Trouble | None:
@@ -423,32 +389,33 @@ class Driver:
         if faulty:
             names = ", ".join(each.name for each in faulty)
             others = names if self.parameters.fails_alone else "every channel"
-            worst = faulty[0].status
-            return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
+            return Trouble(faulty[0].why, f"{others} {acts} until ~/clear_fault")
         if link.state is LinkState.LOST:
             text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
-            return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
-        let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
+            why = Finding(Reason.BOARD_UNPLUGGED, BOARD, text, link_numbers(link))
+            return Trouble(why, "nothing jams until it answers")
+        let_go = [channel for channel in ankle.channels.values() if channel.why.reason is not Reason.NONE]
         if let_go:
             names = ", ".join(channel.name for channel in let_go)
-            worst = let_go[0].status
-            return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
+            return Trouble(let_go[0].why, f"{names} {acts} until asked anew")
         return None
 
     def _trouble_around(self) -> Trouble:
         """Return the worst of a silent manifold, a noisy line, and the own pace."""
-        sensors, noise, pace = self._sensors, self._line_noise, self.own_pace
+        sensors, noise, pace = self._sensors, self.line_noise, self.own_pace
         if sensors.manifold_measured and self.ankle.manifold_vacuum_pa is None:
             remedy = REMEDIES[Reason.SENSOR_DEAD]
             text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {remedy}"
-            return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
+            why = Finding(Reason.SENSOR_DEAD, MANIFOLD, text, sensors.values)
+            return Trouble(why, "the pump is regulated by the channels alone")
         if noise is not None:
-            return Trouble(noise.reason, noise.text, "none: the line repeats what is lost", noise.values)
+            return Trouble(noise, "none: the line repeats what is lost")
         if pace.overloaded:
             stalls = f"it stood still {pace.stalls} times, at most {pace.longest_s:.2f} s"
             text = f"the driver's work comes {pace.late_s:.3f} s late; {stalls}"
-            return Trouble(Reason.EXECUTOR_OVERLOADED, text, "none: the board lets go where that lasts", pace.values)
-        return Trouble()
+            why = Finding(Reason.EXECUTOR_OVERLOADED, "driver", text, pace.values)
+            return Trouble(why, "none: the board lets go where that lasts")
+        return Trouble(Finding(Reason.NONE, "ankle", ""), "")
 
     @property
     def _why_not_ready(self) -> str:
@@ -471,14 +438,14 @@ class Driver:
             self.ankle.manifold_vacuum_pa = None
         for name in silent:
             channels[name].forget_pressure()
-        if silent and self._active:
+        if silent and self.active:
             self.ankle.fail(silent, self._sensors.why(silent))
 
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""
         text = f"let go: no answer of the board for {self._sensors.timeout_s:g} s (pressure_timeout_s)"
         self.ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
-        self._streams.forget()
+        self.streams.forget()
         self._forget_pressures()
 
     def _holds_another(self, asked: SetPoint) -> bool:
@@ -486,11 +453,11 @@ class Driver:
         return asked.vacuum_pa > 0.0 and held_pa not in (0.0, asked.vacuum_pa)
 
     def _permit_storing(self) -> None:
-        able = self._active and not self._emergency_stop.reason and not self._why_not_ready
+        able = self.active and not self.stop.reason and not self._why_not_ready
         self.ankle.may_store = able and not self._plant_paused
 
     def _obey_stop(self) -> None:
-        reason = self._emergency_stop.reason
+        reason = self.stop.reason
         self._permit_storing()
         if not reason or self._stopped:
             return
@@ -499,27 +466,5 @@ class Driver:
         for name in self._names:
             if not self.ankle.held:
                 self.ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
-            self._streams.release(name)
+            self.streams.release(name)
         self.ankle.regulate(0.0)
-
-
-def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkStatus | None) -> None:
-    """Check that a release of channels (none named: all) which was just commanded can take place.
-
-    Raises:
-        RequestError: nobody is there to carry it out, or a channel does not vent.
-
-    """
-    if link is not None and link.state is not LinkState.CONNECTED:
-        way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
-        msg = f"released, but the board gets no command ({link.detail}): {way_out}"
-        raise RequestError(msg)
-    for channel in status.channels:
-        if channels and channel.name not in channels:
-            continue
-        if channel.fault is Reason.BOARD_UNPLUGGED:
-            msg = f"released, but no sensor answers, so nobody may be there to do it: {channel.reason}"
-            raise RequestError(msg)
-        if channel.fault in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
-            msg = f"released, but {channel.name} does not vent: {channel.reason}"
-            raise RequestError(msg)
