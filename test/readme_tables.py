@@ -26,7 +26,7 @@ from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_driver.core.registers import FIRMWARE_VERSION, TABLES, RegisterList, register_list
+from jammkle_driver.board.wiring import RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
@@ -43,6 +43,8 @@ CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
+READ_BY = {"coils": 1, "discrete_inputs": 2, "input_registers": 4, "holding_registers": 3}
+"""The tables of the Modbus data model, each with the function that reads it."""
 INTERFACES = {"Messages": "msg", "Services": "srv"}
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
@@ -291,7 +293,7 @@ def made() -> dict[Path, str]:
 def register_text(registers: RegisterList) -> str:
     """Return all registers of the firmware as a table, and what their bits are."""
     lines = []
-    for name, function in TABLES.items():
+    for name, function in READ_BY.items():
         written = name == "holding_registers"
         lines += [
             (
@@ -326,7 +328,7 @@ def header_text(registers: RegisterList) -> str:
         "#include <stdbool.h>",
         "#include <stdint.h>",
         "",
-        f"#define FIRMWARE_VERSION {FIRMWARE_VERSION:#06x}u",
+        f"#define FIRMWARE_VERSION {registers.firmware_version:#06x}u",
         f"#define REGISTER_VERSION {registers.version}u",
         f"#define MIRROR_ADDRESS {registers.mirror}u",
         "",

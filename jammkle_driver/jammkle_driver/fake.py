@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from jammkle_common.names import CHANNELS
+from jammkle_driver.board.wiring import default_watchdog_s
 from jammkle_driver.core.air import CRITICAL_RATIO, LINEAR_RATIO, REFERENCE_PA
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, ResetCause, SafeCause, released
-from jammkle_driver.core.registers import default_watchdog_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

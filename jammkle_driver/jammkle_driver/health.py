@@ -11,7 +11,7 @@ from jammkle_driver.core.hardware import MANIFOLD, LinkState
 from jammkle_driver.core.watch import link_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from jammkle_driver.core.air import Atmosphere
     from jammkle_driver.core.ankle import Ankle
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jammkle_driver.core.hardware import LinkStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
+_LATE = f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still"
 _LINK_LEVELS = {LinkState.CONNECTED: Level.OK, LinkState.SEARCHING: Level.WARN, LinkState.LOST: Level.ERROR}
 
 
@@ -52,7 +53,7 @@ def health_lines(
         _atmosphere_line(ankle.atmosphere),
         _pump_line(ankle, estimate),
         *_leak_lines(ankle, estimate),
-        _pace_line(driver),
+        _line("executor", _LATE if driver.own_pace.overloaded else "", driver.own_pace.values),
     )
 
 
@@ -63,19 +64,22 @@ def _fault_line(trouble: Trouble, level: Level) -> Health:
     return Health("fault", Level.OK if why.reason is Reason.NONE else level, said, values)
 
 
+def _line(about: str, warning: str, values: Mapping[str, str]) -> Health:
+    """Return a line that is well where there is nothing to warn of."""
+    return Health(about, Level.WARN if warning else Level.OK, warning, values)
+
+
 def _atmosphere_line(air: Atmosphere) -> Health:
+    warning = (
+        f"ambient_pressure_pa is {air.declared_pa:.0f}, and vented channels read {air.pressure_pa:.0f} Pa: "
+        "what they read is used; correct the parameter"
+    )
     values = {
         "atmosphere (Pa)": f"{air.pressure_pa:.0f}",
         "ambient_pressure_pa (Pa)": f"{air.declared_pa:.0f}",
         "measured by vented channels": "yes" if air.measured else "not yet",
     }
-    if air.doubtful:
-        message = (
-            f"ambient_pressure_pa is {air.declared_pa:.0f}, and vented channels read {air.pressure_pa:.0f} Pa: "
-            "what they read is used; correct the parameter"
-        )
-        return Health("atmosphere", Level.WARN, message, values)
-    return Health("atmosphere", Level.OK, "", values)
+    return _line("atmosphere", warning if air.doubtful else "", values)
 
 
 def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
@@ -87,9 +91,7 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
         "resting": "yes" if ankle.resting else "no",
         "stored vacuum wanted (Pa)": f"{ankle.parameters.reservoir_vacuum_pa:.0f}",
     }
-    if load.limited:
-        return Health("pump", Level.WARN, "spared: its mean duty is at pump_rated_duty; look for a leak", values)
-    return Health("pump", Level.OK, "", values)
+    return _line("pump", "spared: its mean duty is at pump_rated_duty; look for a leak" if load.limited else "", values)
 
 
 def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
@@ -114,15 +116,6 @@ def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
     return tuple(lines)
 
 
-def _pace_line(driver: Driver) -> Health:
-    own = driver.own_pace
-    if own.overloaded:
-        return Health(
-            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", own.values
-        )
-    return Health("executor", Level.OK, "", own.values)
-
-
 def _driver_line(driver: Driver, lifecycle_state: str) -> Health:
     values = {
         "publishers of emergency_stop": str(driver.stop.publishers),
@@ -142,8 +135,8 @@ def _command_line(driver: Driver, refused_command: str, commanders: Sequence[str
             f"{driver.streams.speaking} publishers at once ({values['publishers']}): each channel follows the one that "
             "changed last; to command alone stop the others, the controller by controller/set_auto with false"
         )
-        return Health("jam_command", Level.WARN, f"{refused_command}; {text}" if refused_command else text, values)
-    return Health("jam_command", Level.WARN if refused_command else Level.OK, refused_command, values)
+        refused_command = f"{refused_command}; {text}" if refused_command else text
+    return _line("jam_command", refused_command, values)
 
 
 def _link_line(link: LinkStatus, driver: Driver) -> Health:

@@ -21,9 +21,8 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.board.check import PERIOD_S, RELEASED, CheckRow, Probe, check, command, row_of
 from jammkle_driver.board.line import Line, LineError, RefusedError
 from jammkle_driver.board.protocol import make_protocol
-from jammkle_driver.board.wiring import SENSORS, Firmware, standard_board_file
+from jammkle_driver.board.wiring import SENSORS, Firmware, register_list, standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD, BoardFault
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

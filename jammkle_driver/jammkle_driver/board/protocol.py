@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jammkle_driver.board.line import LineError, RefusedError
-from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.board.wiring import Firmware, register_list
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause, SafeCause, released
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -28,14 +27,8 @@ _STATE_EVERY = 10
 _HAS_REGISTER = frozenset({3, 4})
 """Exceptions of a board that has the register and does not take the number now: illegal value, device failure."""
 
-_LATCHED = {"host_silent": SafeCause.HOST_SILENT, "supply_low": SafeCause.SUPPLY_LOW, "reset": SafeCause.RESET}
-_FAULTS = {"supply_low": BoardFault.SUPPLY_LOW, "calibration_lost": BoardFault.CALIBRATION_LOST}
-_RESET_CAUSES = {
-    "power_on": ResetCause.POWER_ON,  # a rising supply sets the bit of the brown-out too, so the first one counts
-    "brown_out": ResetCause.BROWN_OUT,
-    "watchdog": ResetCause.WATCHDOG,
-    "external": ResetCause.EXTERNAL,
-}
+_RESET_CAUSES = ("power_on", "brown_out", "watchdog", "external")
+"""First what counts: a rising supply sets the bit of the brown-out, too."""
 
 
 @dataclass(frozen=True)
@@ -199,16 +192,16 @@ class JammkleProtocol(BoardProtocol):
             sensors_pa=_pascals(self._wiring, places),
             numbers=places,
             taken=ActuatorCommand(solenoids, duty),
-            latched=frozenset(_LATCHED[name] for name in self._set_bits("latched", inputs["latched"])),
+            latched=frozenset(SafeCause[name.upper()] for name in self._set_bits("latched", inputs["latched"])),
             state=self._state(inputs) if len(numbers) == self._whole else None,
         )
 
     def _state(self, inputs: Mapping[str, int]) -> BoardState:
         reset = self._set_bits("reset_cause", inputs["reset_cause"])
-        causes = [cause for name, cause in _RESET_CAUSES.items() if name in reset]
+        causes = [ResetCause[name.upper()] for name in _RESET_CAUSES if name in reset]
         uptime_ms = inputs["uptime_high"] << 16 | inputs["uptime_low"]
         return BoardState(
-            faults=frozenset(_FAULTS[name] for name in self._set_bits("faults", inputs["faults"])),
+            faults=frozenset(BoardFault[name.upper()] for name in self._set_bits("faults", inputs["faults"])),
             reset_cause=causes[0] if causes else ResetCause.UNKNOWN,
             uptime_s=uptime_ms / 1000.0,
             supply_v=self._registers.input("supply").value(inputs["supply"]),

@@ -1,10 +1,11 @@
-"""How a board is wired: outputs and sensors, and the YAML file that says so."""
+"""How a board is wired, the YAML file that says so, and the registers of the project's own firmware."""
 
 from __future__ import annotations
 
 import enum
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,80 @@ import yaml
 
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register, or one bit of the two tables of bits.
+
+    Its numbers, from `minimum` to `maximum`, count steps of `per_step` in `unit` (empty: a plain number). `default` is
+    that after a start, if nothing is `stored` over a reset.
+    """
+
+    name: str
+    address: int
+    unit: str = ""
+    per_step: float = 1.0
+    minimum: int = 0
+    maximum: int = 0xFFFF
+    default: int = 0
+    stored: bool = False
+    note: str = ""
+
+    def steps(self, value: float) -> int:
+        """Return the number that stands for a value; the nearest one, bounded to what is taken."""
+        return min(max(round(value / self.per_step), self.minimum), self.maximum)
+
+    def value(self, steps: int) -> float:
+        """Return the value that a number stands for."""
+        return steps * self.per_step
+
+
+@dataclass(frozen=True)
+class RegisterList:
+    """Every register by table and name, in the order of their addresses; names of bits from bit 0 on.
+
+    All input registers can be read as holding registers from the address `mirror` on. `firmware_version` is that of the
+    firmware that belongs to this driver.
+    """
+
+    version: int
+    firmware_version: int
+    tables: Mapping[str, tuple[Register, ...]]
+    bits: Mapping[str, tuple[str, ...]]
+    mirror: int
+
+    def input(self, name: str) -> Register:
+        """Return an input register."""
+        return self._find("input_registers", name)
+
+    def holding(self, name: str) -> Register:
+        """Return a holding register."""
+        return self._find("holding_registers", name)
+
+    def _find(self, table: str, name: str) -> Register:
+        return next(register for register in self.tables[table] if register.name == name)
+
+
+@cache
+def register_list() -> RegisterList:
+    """Return the list of `config/registers.yaml`, read once."""
+    text = files("jammkle_driver").joinpath("config/registers.yaml").read_text(encoding="utf-8")
+    content: dict[str, Any] = yaml.safe_load(text)
+    tables = {
+        table: tuple(Register(address=address, **entry) for address, entry in enumerate(content[table]))
+        for table in ("coils", "discrete_inputs", "input_registers", "holding_registers")
+    }
+    bits = {name: tuple(names) for name, names in content["bits"].items()}
+    return RegisterList(content["version"], content["firmware_version"], tables, bits, content["mirror"])
+
+
+def default_watchdog_s() -> float:
+    """Return the silence of the host after which a board with the project's firmware lets go, s, as it is shipped."""
+    return register_list().holding("watchdog_ms").default / 1000.0
 
 
 class Firmware(enum.Enum):

@@ -203,7 +203,8 @@ class Ankle:
             self._regulated_at_s = stamp_s
             passed_s = max(since_s, 0.0) if math.isfinite(since_s) else 0.0
             self._period_s = min(max(passed_s, 0.95 * self._period_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
-            self._vent_excess(stamp_s)
+            excesses_pa = {name: each.excess_pa for name, each in self.channels.items() if each.excess_pa > 0.0}
+            self._pulsed = self._vent.pulse(excesses_pa, self._connected_m3(), stamp_s, self._period_s)
             self.regulate(passed_s)
 
     def regulate(self, elapsed_s: float) -> None:
@@ -251,10 +252,6 @@ class Ankle:
     def _connected_m3(self) -> float:
         connected_m3 = sum(each for name, each in self._volumes_m3.items() if self.channels[name].energised)
         return self._air.shared_volume_m3 + connected_m3
-
-    def _vent_excess(self, stamp_s: float) -> None:
-        excesses_pa = {name: each.excess_pa for name, each in self.channels.items() if each.excess_pa > 0.0}
-        self._pulsed = self._vent.pulse(excesses_pa, self._connected_m3(), stamp_s, self._period_s)
 
     def _rise_pa(self, vacuum_pa: float) -> float:
         if self._period_s <= LATE_S:
@@ -322,11 +319,7 @@ class Ankle:
         self.findings = (*self.findings, found)
         if others_go_on and self._is_alone(found):
             self.diagnosis.go_on_without(found, self.atmosphere.pressure_pa)
-        self.fail(self._concerned(found), found.to_clear())
-
-    def _concerned(self, found: Finding) -> tuple[str, ...]:
-        """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""
-        return (found.place,) if self._is_alone(found) else self._names
+        self.fail((found.place,) if self._is_alone(found) else self._names, found.to_clear())
 
     def _is_alone(self, found: Finding) -> bool:
         return found.place in self.channels
