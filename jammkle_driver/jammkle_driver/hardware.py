@@ -144,7 +144,7 @@ class Measured:
         self._pressures.clear()
 
 
-_CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation", simulated=True)
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation")
 
 
 class SimulatedHardware:

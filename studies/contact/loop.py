@@ -121,7 +121,7 @@ class WithPlan(Protocol):
         """Return what the gait plans of the foot; None: there is no gait."""
 
 
-_CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process", simulated=True)
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process")
 
 
 class _Regular:
