@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusIOException
 
-from jammkle_driver.core.registers import register_list
+from jammkle_driver.board.wiring import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

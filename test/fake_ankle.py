@@ -18,7 +18,7 @@ from jammkle_msgs.msg import ChannelJamState, Fault
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from jammkle_driver.fake import FakeBoard, Plant
+    from jammkle_driver.fake import FakeBoard, FakePlant
 
 TIMEOUT_S = 40.0
 """How long is waited for anything; only a broken driver ever gets there."""
@@ -44,7 +44,7 @@ class Ankle:
         return board
 
     @property
-    def plant(self) -> Plant:
+    def plant(self) -> FakePlant:
         """What can be broken and repaired."""
         return self.board.plant
 

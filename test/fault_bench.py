@@ -17,7 +17,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, PressureSample, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeBoard, FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
@@ -25,11 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from jammkle_driver.core.air import AirSettings
-    from jammkle_driver.core.driver import DriverSettings
     from jammkle_driver.core.hardware import LinkStatus
-    from jammkle_driver.fake import Plant
 
-    PlantBuilder = Callable[[AirSettings, random.Random, int], Plant]
+    PlantBuilder = Callable[[AirSettings, random.Random, int], FakePlant]
     """Builds an ankle near what was declared, by what is drawn and a seed."""
 
 PLACED = {
@@ -113,7 +111,7 @@ def fake_plant(declared: AirSettings, draw: random.Random, seed: int) -> FakePla
     """Return an ankle of the law that the driver judges by, off by its tolerances, with sensors off by 150 Pa."""
     ambient_pa = STANDARD_ATMOSPHERE_PA + draw.gauss(0.0, 800.0)
     offsets_pa = {place: draw.gauss(0.0, 150.0) for place in (MANIFOLD, *CHANNELS)}
-    return FakePlant(CHANNELS, built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
+    return FakePlant(built(declared, draw), ambient_pa, SensorErrors(offsets_pa=offsets_pa), seed)
 
 
 _OF_THE_END = 0.9
@@ -123,19 +121,19 @@ _OF_THE_END = 0.9
 class FaultBench:
     """A driver on a plant, stepped by 10 ms; somebody jams and vents it at random, by service or by stream."""
 
-    def __init__(self, settings: DriverSettings, seed: int, build: PlantBuilder = fake_plant) -> None:
+    def __init__(self, parameters: DriverParameters, seed: int, build: PlantBuilder = fake_plant) -> None:
         """Build an ankle by `seed`, and activate its driver.
 
         Args:
-            settings: Of the driver.
+            parameters: Of the driver.
             seed: Of all that is random.
             build: Builds the ankle.
 
         """
         self.draw = random.Random(seed)  # noqa: S311 - a simulation and no secret
-        self.plant = build(settings.ankle.diagnosis.air, self.draw, seed)
+        self.plant = build(parameters.air(), self.draw, seed)
         self.board = FakeBoard(self.plant)
-        self.driver = Driver(CHANNELS, settings)
+        self.driver = Driver(CHANNELS, parameters)
         self.noisy = False
         self.late_samples = 0
         """How many periods late a reading comes at the most, with the stamp of when it came: a host that is busy."""
@@ -238,7 +236,7 @@ class FaultBench:
         self._next_s += 0.3 + self.draw.expovariate(1.0 / (15.0 if self.draw.random() < self.rests else 0.9))
         several = list(CHANNELS) if self.draw.random() < 0.7 else self.draw.sample(CHANNELS, self.draw.choice([1, 2]))
         jam = self.draw.random() < (0.3 if self._jammed_last else 0.8)
-        vacuum_pa = min(self.draw.uniform(15e3, 65e3), _OF_THE_END * self.plant.pump_ultimate_vacuum_pa)
+        vacuum_pa = min(self.draw.uniform(15e3, 65e3), _OF_THE_END * self.plant.air.pump_ultimate_vacuum_pa)
         self._jammed_last = jam
         if self.streams:
             self.set_point_pa = vacuum_pa if jam else 0.0
@@ -249,13 +247,13 @@ class FaultBench:
 
     def reported(self) -> tuple[Reason, str]:
         """Return what the driver says is wrong, and where; (NONE, "") where nothing is."""
-        status = self.driver.status
+        trouble = self.driver.trouble.why
         if self.driver.ankle.findings:
             found = self.driver.ankle.findings[0]
             return found.reason, found.place
-        if status.trouble.reason is not Reason.NONE:
+        if trouble.reason is not Reason.NONE:
             faulty = [channel.name for channel in self.driver.ankle.faulty]
-            return status.trouble.reason, faulty[0] if faulty else MANIFOLD
+            return trouble.reason, faulty[0] if faulty else MANIFOLD
         return Reason.NONE, ""
 
     @staticmethod
@@ -271,7 +269,7 @@ SET_POINT_PA = 50e3
 
 def bench_of(seed: int = 1, **parameters: Any) -> FaultBench:
     """Return an ankle by `seed` whose driver has these parameters."""
-    return FaultBench(DriverParameters(**parameters).settings(), seed)
+    return FaultBench(DriverParameters(**parameters), seed)
 
 
 def run(bench: FaultBench, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
@@ -294,7 +292,7 @@ def jammed_bench(**parameters: Any) -> FaultBench:
 
 def alarms(seed: int, duration_s: float, build: PlantBuilder = fake_plant) -> list[str]:
     """Jam and vent a healthy ankle for a while; return every fault that was reported."""
-    bench = FaultBench(DriverParameters().settings(), seed, build)
+    bench = FaultBench(DriverParameters(), seed, build)
     bench.rests = 0.1
     said: list[str] = []
     while bench.plant.time_s < duration_s:

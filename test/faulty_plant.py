@@ -18,7 +18,7 @@ _DM3_S_BAR_PER_M3_S_PA = 1e8
 class FaultyPlant(BoardPlant):
     """The simulation's air, and between it and the pins a pump, valves and sensors that fail on demand.
 
-    Implements as much of `jammkle_driver.fake.Plant` as a fault needs: `inject`, `heal`.
+    Implements as much of `jammkle_driver.fake.FakePlant` as a fault needs: `inject`, `heal`.
     """
 
     def __init__(self) -> None:

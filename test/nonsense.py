@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from pymodbus.framer.rtu import FramerRTU
 
-from jammkle_driver.core.registers import register_list
+from jammkle_driver.board.wiring import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable

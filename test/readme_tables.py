@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from pathlib import Path
@@ -24,7 +25,7 @@ from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_driver.core.registers import header_text, register_table
+from jammkle_driver.board.wiring import Register, RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
@@ -39,6 +40,10 @@ CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
+READ_BY = {"coils": 1, "discrete_inputs": 2, "input_registers": 4, "holding_registers": 3}
+"""The tables of the Modbus data model, each with the function that reads it."""
+_AS_FIRST = "as of sensor 1"
+"""What the list notes of the calibration of the sensors that follow."""
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -163,7 +168,7 @@ def tables() -> dict[str, str]:
             for each in Detection
         ],
     )
-    made["registers"] = register_table()
+    made["registers"] = register_text(register_list())
     made["command"] = table(("verb", "argument or option", "what"), command_lines())
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
@@ -251,11 +256,90 @@ def made() -> dict[Path, str]:
     parts = tables()
     return {
         **{path: filled(path, parts) for path in pages()},
-        HEADER: header_text(),
+        HEADER: header_text(register_list()),
         CONFIG / "ankle.yaml": parameter_file_text(NODES_OF_AN_ANKLE),
         CONFIG / "robot.yaml": parameter_file_text(ROBOT_NODES, ROBOT_VALUES),
         **manifests(),
     }
+
+
+def register_text(registers: RegisterList) -> str:
+    """Return all registers of the firmware as a table, those that are alike in one line, and what their bits are."""
+    lines = []
+    for name, function in READ_BY.items():
+        for _, group in itertools.groupby(registers.tables[name], _kind):
+            alike = list(group)
+            first, last = alike[0], alike[-1]
+            own = first.note != _AS_FIRST
+            written = name == "holding_registers" and own
+            lines.append(
+                (
+                    f"{name.replace('_', ' ')} (read by function {function})",
+                    str(first.address) if first is last else f"{first.address} to {last.address}",
+                    f"`{first.name}`" if first is last else f"`{first.name}` to `{last.name}`",
+                    f"{first.per_step:g} {first.unit}".replace(" 1", "") if first.unit and own else "",
+                    f"{first.minimum} to {first.maximum}" if written else "",
+                    f"{first.default}{', can be stored' if first.stored else ''}" if written else "",
+                    first.note,
+                )
+            )
+    bits = [
+        f"Bits of `{name}`: " + ", ".join(f"{place} {bit}" for place, bit in enumerate(names)) + "."
+        for name, names in registers.bits.items()
+    ]
+    head = ("table", "address", "register", "unit of a step", "range", "default", "what")
+    return "\n".join([table(head, lines), "", *bits])
+
+
+def _kind(register: Register) -> str:
+    """What registers that follow each other have in common: their name but for a number, or their note."""
+    return register.note if register.note == _AS_FIRST else re.sub(r"\d", "", register.name)
+
+
+def header_text(registers: RegisterList) -> str:
+    """Return `firmware/core/registers.h`."""
+    holding = registers.tables["holding_registers"]
+    stored = [register.address for register in holding if register.stored]
+    assert stored == list(range(stored[0], stored[-1] + 1)), "the firmware keeps stored registers as one block"
+    lines = [
+        "/* Written from config/registers.yaml by `make readme`: edit that file. */",
+        "#ifndef JAMMKLE_REGISTERS_H",
+        "#define JAMMKLE_REGISTERS_H",
+        "",
+        "#include <stdbool.h>",
+        "#include <stdint.h>",
+        "",
+        f"#define FIRMWARE_VERSION {registers.firmware_version:#06x}u",
+        f"#define REGISTER_VERSION {registers.version}u",
+        f"#define MIRROR_ADDRESS {registers.mirror}u",
+        "",
+    ]
+    for name, found in registers.tables.items():
+        prefix = name.partition("_")[0].removesuffix("s").upper()
+        members = [f"    {prefix}_{register.name.upper()}," for register in found]
+        lines += ["enum {", *members, f"    {prefix}_COUNT", "};", ""]
+    for name, bits in registers.bits.items():
+        places = [f"    {name.upper()}_{bit.upper()} = {1 << place}," for place, bit in enumerate(bits)]
+        lines += ["enum {", *places, "};", ""]
+    ranges = [f"    {{{each.minimum}u, {each.maximum}u, {each.default}u}}, /* {each.name} */" for each in holding]
+    lines += [
+        "typedef struct {",
+        "    uint16_t minimum;",
+        "    uint16_t maximum;",
+        "    uint16_t default_value;",
+        "} holding_range;",
+        "",
+        "static const holding_range HOLDING_RANGES[HOLDING_COUNT] = {",
+        *ranges,
+        "};",
+        "",
+        f"#define STORED_FIRST {stored[0]}u",
+        f"#define STORED_COUNT {len(stored)}u",
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import pytest
 
 from board_client import ACKNOWLEDGE, HOST_SILENT, LATCHED, PATIENT_MS, REGISTERS, RESET, SUPPLY_LOW, SUPPLY_PIN
 from boards import AVR, build
-from jammkle_driver.core.registers import default_watchdog_s
+from jammkle_driver.board.wiring import default_watchdog_s
 
 if TYPE_CHECKING:
     from pathlib import Path

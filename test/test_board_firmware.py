@@ -24,7 +24,7 @@ from board_client import (
     wait_for_pins,
 )
 from boards import AVR, board_command, build
-from jammkle_driver.core.registers import default_watchdog_s
+from jammkle_driver.board.wiring import default_watchdog_s
 from jammkle_sim.board_bench import BoardBench
 from jammkle_sim.topics import WATCHDOG_S
 

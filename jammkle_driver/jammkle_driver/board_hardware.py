@@ -17,7 +17,7 @@ from jammkle_driver.hardware import Measured
 if TYPE_CHECKING:
     from jammkle_driver.board.protocol import Exchange
     from jammkle_driver.board.wiring import Wiring
-    from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
+    from jammkle_driver.core.hardware import LinkStatus
     from jammkle_driver.hardware import HardwareContext
     from jammkle_driver.parameters import DriverParameters
 
@@ -26,7 +26,7 @@ SURE_WITHIN_S = math.sqrt(12.0) * Spread().timing_s
 so much time is a standard deviation of what the diagnosis bears. A host that stood still in between made it longer."""
 
 
-class BoardHardware:
+class BoardHardware(BoardLink):
     """A board behind a serial line or a TCP connection. Implements `core.hardware.Hardware`.
 
     It publishes what a simulation would: pressures, absolute, and what the board has taken.
@@ -47,7 +47,7 @@ class BoardHardware:
         self._shortest_s = math.inf
         self._closed = False
         self._came: deque[Exchange] = deque(maxlen=10)
-        self._link = BoardLink(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
+        super().__init__(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
 
     @staticmethod
     def check(parameters: DriverParameters) -> Wiring:
@@ -70,19 +70,11 @@ class BoardHardware:
     @property
     def link(self) -> LinkStatus:
         """What is known of the board now."""
-        return self._link.status
-
-    def apply(self, command: ActuatorCommand) -> None:
-        """Pass the command on to the link's thread."""
-        self._link.apply(command)
-
-    def acknowledge(self) -> None:
-        """Pass the acknowledgement on to the link's thread."""
-        self._link.acknowledge()
+        return self.status
 
     def close(self) -> None:
         """Send the last command and let go of the port."""
-        self._link.close()
+        super().close()
         self._closed = True
         self._came.clear()
         self._measured.close()

@@ -9,7 +9,6 @@ import math
 from typing import TYPE_CHECKING
 
 from sensor_msgs.msg import FluidPressure
-from std_msgs.msg import Bool, Float32
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_driver.core.hardware import PressureSample
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
     from jammkle_common import wire
-    from jammkle_driver.core.driver import DriverStatus
+    from jammkle_driver.core.driver import Driver
     from jammkle_driver.core.hardware import ActuatorCommand
 
 
@@ -67,39 +66,28 @@ def set_points(message: JamCommand) -> tuple[SetPoint, ...]:
     return tuple(SetPoint(entry.channel, entry.vacuum_pa) for entry in message.channels)
 
 
-def solenoid_message(*, energised: bool) -> Bool:
-    """Return the message for one solenoid."""
-    return Bool(data=energised)
-
-
-def duty_message(duty: float) -> Float32:
-    """Return the message for the pump; duty 0 to 1."""
-    return Float32(data=duty)
-
-
-def jam_state_message(status: DriverStatus, stamp: Time, refused_command: str = "") -> JamState:
+def jam_state_message(driver: Driver, stamp: Time, refused_command: str = "") -> JamState:
     """Return what is known of the channels as a message; what is not measured is NaN."""
+    ankle, trouble, parameters = driver.ankle, driver.trouble, driver.parameters
     message = JamState()
     message.header.stamp = stamp
-    message.emergency_stopped = bool(status.stop_reason)
-    message.manifold_vacuum_pa = _or_nan(status.manifold_vacuum_pa)
+    message.emergency_stopped = bool(driver.stop.reason)
+    message.manifold_vacuum_pa = _or_nan(ankle.manifold_vacuum_pa)
     message.channels = [
         ChannelJamState(
             channel=channel.name,
             state=channel.state.value,
-            commanded_vacuum_pa=channel.commanded_vacuum_pa,
-            measured_vacuum_pa=_or_nan(channel.measured_vacuum_pa),
-            reason=channel.reason,
-            fault=channel.fault.value,
+            commanded_vacuum_pa=channel.set_point_pa,
+            measured_vacuum_pa=_or_nan(channel.vacuum_pa),
+            reason=channel.why.text,
+            fault=channel.why.reason.value,
         )
-        for channel in status.channels
+        for channel in ankle.channels.values()
     ]
-    trouble = status.trouble
-    message.fault = Fault(reason=trouble.reason.value, text=trouble.text, action=trouble.action)
-    if status.limits is not None:
-        message.min_vacuum_pa, message.max_vacuum_pa = status.limits.minimum_pa, status.limits.maximum_pa
+    message.fault = Fault(reason=trouble.why.reason.value, text=trouble.why.text, action=trouble.action)
+    message.min_vacuum_pa, message.max_vacuum_pa = parameters.min_vacuum_pa, parameters.max_vacuum_pa
     message.refused_command = refused_command
-    message.reservoir_volume_m3 = status.reservoir_volume_m3
+    message.reservoir_volume_m3 = parameters.reservoir_volume_m3
     return message
 
 

@@ -6,15 +6,15 @@ import enum
 import math
 import random
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from jammkle_common.names import CHANNELS
+from jammkle_driver.board.wiring import default_watchdog_s
 from jammkle_driver.core.air import CRITICAL_RATIO, LINEAR_RATIO, REFERENCE_PA
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, ResetCause, SafeCause, released
-from jammkle_driver.core.registers import default_watchdog_s
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from jammkle_driver.core.air import AirSettings
     from jammkle_driver.core.hardware import ActuatorCommand
@@ -69,173 +69,75 @@ class SensorErrors:
     offsets_pa: Mapping[str, float] = field(default_factory=dict)
 
 
-class FakeSensors:
-    """One sensor per place, each of which may fail."""
+PLANT_STEP_S = 0.001
+"""Time step of the plant, s: below the 1.3 ms in which a manifold with three open valves follows."""
 
-    def __init__(self, errors: SensorErrors, seed: int) -> None:
-        """Make healthy ones.
 
-        Args:
-            errors: Of healthy sensors.
-            seed: Of the noise.
+class FakePlant:
+    """Isothermal volumes behind valves with dead time, a pump with a linear curve, and sensors; any may fail.
 
-        """
-        self._errors = errors
+    It is built of `air` where nothing has failed; `pressures_pa` are the true ones by place, absolute.
+    """
+
+    def __init__(self, air: AirSettings, ambient_pa: float, sensors: SensorErrors | None = None, seed: int = 0) -> None:
+        """Make a vented plant, pump off, in an atmosphere of so many Pa; the sensors' noise comes from `seed`."""
+        self.air = air
+        self.time_s = 0.0
+        self.pressures_pa = dict.fromkeys((MANIFOLD, *CHANNELS), ambient_pa)
+        self._ambient_pa = ambient_pa
+        self._errors = sensors or SensorErrors()
         self._random = random.Random(seed)  # noqa: S311, sensor noise and not a secret
+        self._volumes_m3 = dict(zip(self.pressures_pa, air.volumes_m3, strict=True))
+        self._wanted: list[tuple[float, str, bool]] = []
+        self._open = dict.fromkeys(CHANNELS, False)
+        self._duty = 0.0
         self.heal()
 
     def heal(self) -> None:
         """Undo every fault."""
+        self._leaks = dict.fromkeys(self.pressures_pa, self.air.leak_conductance_m3_s_pa)
+        self._lines = dict.fromkeys(CHANNELS, 1.0)
+        self._valves: dict[str, bool] = {}
+        self._pump_share = 1.0
         self._dead: set[str] = set()
         self._stuck_pa: dict[str, float] = {}
         self._drift: dict[str, tuple[float, float]] = {}
         self._bias_pa: dict[str, float] = {}
 
-    def inject(self, fault: FakeFault, place: str, size: float, true_pa: float, time_s: float) -> None:
-        """Let one sensor fail now; what is no fault of a sensor is ignored.
-
-        Args:
-            fault: What fails.
-            place: Where.
-            size: See `FakeFault`.
-            true_pa: The pressure there, Pa absolute.
-            time_s: Now, s.
-
-        """
-        if fault is FakeFault.SENSOR_DEAD:
-            self._dead.add(place)
-        elif fault is FakeFault.SENSOR_STUCK:
-            self._stuck_pa[place] = self._reading_pa(place, true_pa, time_s)
-        elif fault is FakeFault.SENSOR_DRIFT:
-            self._drift[place] = (time_s, size)
-        elif fault is FakeFault.SENSOR_BIAS:
-            self._bias_pa[place] = size
-        elif fault is FakeFault.SENSOR_OUT_OF_RANGE:
-            self._stuck_pa[place] = size
-
-    def readings_pa(self, pressures_pa: Mapping[str, float], time_s: float) -> dict[str, float]:
-        """Return what they read at these pressures, Pa absolute, by place; a dead one is left out."""
-        return {
-            place: self._stuck_pa[place] if place in self._stuck_pa else self._reading_pa(place, true_pa, time_s)
-            for place, true_pa in pressures_pa.items()
-            if place not in self._dead
-        }
-
-    def _reading_pa(self, place: str, true_pa: float, time_s: float) -> float:
-        since_s, rate_pa_s = self._drift.get(place, (0.0, 0.0))
-        error_pa = self._errors.offsets_pa.get(place, 0.0) + rate_pa_s * (time_s - since_s)
-        error_pa += self._bias_pa.get(place, 0.0)
-        reading_pa = true_pa + error_pa + self._random.gauss(0.0, self._errors.noise_pa)
-        step_pa = self._errors.step_pa
-        return round(reading_pa / step_pa) * step_pa if step_pa else reading_pa
-
-
-PLANT_STEP_S = 0.001
-"""Time step of the plant, s: below the 1.3 ms in which a manifold with three open valves follows."""
-
-
-class Plant(Protocol):
-    """Pump, valves, volumes and sensors of one ankle, any of which can be made to fail."""
-
-    @property
-    def time_s(self) -> float:
-        """Time since it was made, s."""
-
-    @property
-    def pump_ultimate_vacuum_pa(self) -> float:
-        """Vacuum at which its pump stops drawing, Pa."""
-
-    @property
-    def pressures_pa(self) -> Mapping[str, float]:
-        """True pressures by place, Pa absolute."""
-
-    def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
-        """Take a command, which reaches the valves `late_s` s later."""
-
-    def advance(self, duration_s: float) -> None:
-        """Let time pass."""
-
-    def readings_pa(self) -> dict[str, float]:
-        """Return what the sensors read, Pa absolute, by place; a dead one is left out."""
-
     def inject(self, fault: FakeFault, place: str, size: float = 0.0) -> None:
-        """Let something fail now, and until `heal`; see `FakeFault`."""
-
-    def heal(self) -> None:
-        """Undo every fault."""
-
-
-class FakePlant:
-    """Isothermal volumes behind valves with dead time, and a pump with a linear curve; stepped by `advance`."""
-
-    def __init__(
-        self,
-        channels: Sequence[str],
-        air: AirSettings,
-        ambient_pa: float,
-        sensors: SensorErrors | None = None,
-        seed: int = 0,
-    ) -> None:
-        """Make a vented plant, pump off."""
-        self._names = tuple(channels)
-        self._air = air
-        self._ambient_pa = ambient_pa
-        self._sensors = FakeSensors(sensors or SensorErrors(), seed)
-        self.places = (MANIFOLD, *self._names)
-        self.time_s = 0.0
-        self.pressures_pa = dict.fromkeys(self.places, ambient_pa)
-        self._volumes_m3 = dict(zip(self.places, air.volumes_m3, strict=True))
-        self._leaks = dict.fromkeys(self.places, air.leak_conductance_m3_s_pa)
-        self._lines = dict.fromkeys(self._names, 1.0)
-        self._valves: dict[str, bool] = {}
-        self._pump_share = 1.0
-        self._wanted: list[tuple[float, str, bool]] = []
-        self._open = dict.fromkeys(self._names, False)
-        self._duty = 0.0
-
-    @property
-    def pump_ultimate_vacuum_pa(self) -> float:
-        """See `Plant`."""
-        return self._air.pump_ultimate_vacuum_pa
-
-    @property
-    def healthy_air(self) -> AirSettings:
-        """What the plant is built of, without faults."""
-        return replace(self._air)
-
-    def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
-        """Take a command; a valve moves after its dead time."""
-        due_s = self.time_s + self._air.valve_dead_time_s + late_s
-        self._wanted += [(due_s, name, energised) for name, energised in solenoids.items()]
-        self._duty = duty
-
-    def inject(self, fault: FakeFault, place: str, size: float = 0.0) -> None:
-        """Let something fail now, and until `heal`.
-
-        Args:
-            fault: What fails.
-            place: Channel or manifold; a pump's is not looked at.
-            size: See `FakeFault`.
-
-        """
+        """Let something fail now, and until `heal`, at a channel or the manifold; `size` as `FakeFault` says."""
         if fault is FakeFault.LEAK:
-            self._leaks[place] = self._air.leak_conductance_m3_s_pa + size
+            self._leaks[place] = self.air.leak_conductance_m3_s_pa + size
         elif fault is FakeFault.BLOCKED:
             self._lines[place] = size
         elif fault in {FakeFault.STUCK_OPEN, FakeFault.STUCK_CLOSED}:
             self._valves[place] = fault is FakeFault.STUCK_OPEN
         elif fault in {FakeFault.PUMP_DEAD, FakeFault.PUMP_WEAK}:
             self._pump_share = 0.0 if fault is FakeFault.PUMP_DEAD else size
+        elif fault is FakeFault.SENSOR_DEAD:
+            self._dead.add(place)
+        elif fault is FakeFault.SENSOR_STUCK:
+            self._stuck_pa[place] = self._reading_pa(place)
+        elif fault is FakeFault.SENSOR_DRIFT:
+            self._drift[place] = (self.time_s, size)
+        elif fault is FakeFault.SENSOR_BIAS:
+            self._bias_pa[place] = size
         else:
-            self._sensors.inject(fault, place, size, self.pressures_pa[place], self.time_s)
+            self._stuck_pa[place] = size
 
-    def heal(self) -> None:
-        """Undo every fault."""
-        self._leaks = dict.fromkeys(self.places, self._air.leak_conductance_m3_s_pa)
-        self._lines = dict.fromkeys(self._names, 1.0)
-        self._valves.clear()
-        self._pump_share = 1.0
-        self._sensors.heal()
+    def readings_pa(self) -> dict[str, float]:
+        """Return what the sensors read, Pa absolute, by place; a dead one is left out."""
+        return {
+            place: self._stuck_pa[place] if place in self._stuck_pa else self._reading_pa(place)
+            for place in self.pressures_pa
+            if place not in self._dead
+        }
+
+    def command(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
+        """Take a command, which reaches the valves `late_s` s later; each moves after its dead time."""
+        due_s = self.time_s + self.air.valve_dead_time_s + late_s
+        self._wanted += [(due_s, name, energised) for name, energised in solenoids.items()]
+        self._duty = duty
 
     def advance(self, duration_s: float) -> None:
         """Let time pass."""
@@ -246,25 +148,25 @@ class FakePlant:
                 self._open[name] = energised
             self._step()
 
-    def readings_pa(self) -> dict[str, float]:
-        """Return what the sensors read, Pa absolute, by place; a dead one is left out."""
-        return self._sensors.readings_pa(self.pressures_pa, self.time_s)
-
-    def is_open(self, channel: str) -> bool:
-        """Return whether the channel is connected to the manifold, whatever was commanded."""
-        return self._valves.get(channel, self._open[channel])
+    def _reading_pa(self, place: str) -> float:
+        since_s, rate_pa_s = self._drift.get(place, (0.0, 0.0))
+        error_pa = self._errors.offsets_pa.get(place, 0.0) + rate_pa_s * (self.time_s - since_s)
+        error_pa += self._bias_pa.get(place, 0.0)
+        reading_pa = self.pressures_pa[place] + error_pa + self._random.gauss(0.0, self._errors.noise_pa)
+        step_pa = self._errors.step_pa
+        return round(reading_pa / step_pa) * step_pa if step_pa else reading_pa
 
     def _step(self) -> None:
-        air, pressures = self._air, self.pressures_pa
+        air, pressures = self.air, self.pressures_pa
         manifold_pa = pressures[MANIFOLD]
         curve = max(1.0 - (self._ambient_pa - manifold_pa) / air.pump_ultimate_vacuum_pa, 0.0)
         into_manifold = -self._pump_share * self._duty * air.pump_free_flow_m3_s * curve * manifold_pa
         into_manifold += self._leaks[MANIFOLD] * _flow(self._ambient_pa, manifold_pa)
-        for name in self._names:
+        for name in CHANNELS:
             pressure_pa = pressures[name]
             line = self._lines[name] * air.valve_conductance_m3_s_pa
             into = self._leaks[name] * _flow(self._ambient_pa, pressure_pa)
-            if self.is_open(name):
+            if self._valves.get(name, self._open[name]):
                 drawn = line * _flow(pressure_pa, manifold_pa)
                 into -= drawn
                 into_manifold += drawn
@@ -296,17 +198,13 @@ _SUPPLY_V, _SAGGED_V = 12.0, 8.0
 
 
 class FakeBoard:
-    """Outputs, host watchdog, latches and the link to them.
+    """Outputs, host watchdog, latches and the link to them, before a plant.
 
-    Attributes:
-        plant: What is behind the pins.
-        link: What the driver knows of the board.
-        driven: What the outputs do.
-        noise_share: Share of telegrams whose check sum is wrong, 0 to 1, for who exchanges them.
-
+    `driven` is what the outputs do, `noise_share` the share of telegrams whose check sum is wrong, for who exchanges
+    them.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: FakePlant) -> None:
         """Make one that is connected and drives nothing."""
         self.plant = plant
         self.link = LinkStatus(LinkState.CONNECTED, supply_v=_SUPPLY_V, starts=1, connects=1)
@@ -315,13 +213,7 @@ class FakeBoard:
         self._silent_s = 0.0
 
     def take(self, command: ActuatorCommand, late_s: float = 0.0) -> None:
-        """Take a command, which is a sign of life; latched, the board takes none that jams.
-
-        Args:
-            command: What the outputs shall do.
-            late_s: How much later they do it, s.
-
-        """
+        """Take a command, which the valves get `late_s` s later: a sign of life; latched, it takes none that jams."""
         self._silent_s = 0.0
         if command != self.driven and not (self.link.latched and any(command.solenoids.values())):
             self._drive(command, late_s)
@@ -344,14 +236,17 @@ class FakeBoard:
         """Take jams again."""
         self.link = replace(self.link, latched=frozenset())
 
-    def inject(self, fault: LinkFault, size: float = 0.0) -> None:
-        """Let something fail; what `size` means stands at the fault."""
-        if fault is LinkFault.UNPLUGGED:
-            self.unplug()
+    def inject(self, fault: FakeFault | LinkFault, place: str = MANIFOLD, size: float = 0.0) -> None:
+        """Let something fail at board or line, or in the plant, where `place` counts; `size` stands at the fault."""
+        if isinstance(fault, FakeFault):
+            self.plant.inject(fault, place, size)
+        elif fault is LinkFault.UNPLUGGED:
+            self.link = replace(self.link, state=LinkState.LOST, detail="no such device")
         elif fault is LinkFault.REBOOTED:
             self.reboot()
         elif fault is LinkFault.BROWN_OUT:
-            self.sag()
+            self._latch(SafeCause.SUPPLY_LOW)
+            self.link = replace(self.link, supply_v=_SAGGED_V)
         else:
             self.noise_share = size
 
@@ -361,25 +256,15 @@ class FakeBoard:
         self.noise_share = 0.0
         self.plug()
 
-    def unplug(self) -> None:
-        """Pull the cable."""
-        self.link = replace(self.link, state=LinkState.LOST, detail="no such device")
-
     def plug(self) -> None:
         """Put the cable in again, with a supply that is well."""
-        back = int(self.link.state is not LinkState.CONNECTED)
-        connects = self.link.connects + back
+        connects = self.link.connects + int(self.link.state is not LinkState.CONNECTED)
         self.link = replace(self.link, state=LinkState.CONNECTED, detail="", supply_v=_SUPPLY_V, connects=connects)
 
     def reboot(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
         """Start anew."""
         self._latch(SafeCause.RESET)
         self.link = replace(self.link, reset_cause=cause, starts=self.link.starts + 1)
-
-    def sag(self) -> None:
-        """Let the supply fall below what the board works with."""
-        self._latch(SafeCause.SUPPLY_LOW)
-        self.link = replace(self.link, supply_v=_SAGGED_V)
 
     def _latch(self, cause: SafeCause) -> None:
         self._drive(released(CHANNELS), 0.0)
@@ -401,15 +286,7 @@ class ScriptError(ValueError):
 
 @dataclass(frozen=True)
 class ScriptedFault:
-    """One line of a script.
-
-    Attributes:
-        time_s: When, s after the start.
-        fault: What fails; None heals everything.
-        place: Where: a channel or the manifold.
-        size: How much; see `FakeFault` and `LinkFault`.
-
-    """
+    """One line of a script: when, s after the start, what fails (None heals everything), where, and how much."""
 
     time_s: float
     fault: FakeFault | LinkFault | None

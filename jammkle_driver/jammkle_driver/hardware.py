@@ -19,7 +19,7 @@ from sensor_msgs.msg import FluidPressure
 from jammkle_common import wire
 from jammkle_common.command import HARDWARE, entries
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
-from jammkle_common.names import ACTUATOR_STATES, CHANNELS, MANIFOLD_PRESSURE, PRESSURES, frame
+from jammkle_common.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_driver.conversions import (
@@ -31,7 +31,7 @@ from jammkle_driver.conversions import (
     stamp_seconds,
 )
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, SafeCause
-from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, LinkFault, ScriptError, read_script
+from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, ScriptError, read_script
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
@@ -69,63 +69,38 @@ class HardwareContext:
     ambient_pa: Callable[[], float]
 
 
-def check_hardware(name: str) -> None:
-    """Refuse a name that no installed package knows.
+def checked_hardware(parameters: DriverParameters) -> Callable[[HardwareContext], Hardware]:
+    """Return what makes the hardware that the parameter `hardware` names.
 
     Raises:
-        ParameterError: the name is unknown.
+        ParameterError: no installed package knows the name, or the hardware does not take these parameters.
 
     """
-    known = entries(HARDWARE)
+    name, known = parameters.hardware, entries(HARDWARE)
     if name not in known:
         msg = f"parameter 'hardware' is '{name}'; it must be one of {', '.join(known)} (entry points of {HARDWARE})"
         raise ParameterError(msg)
-
-
-def check_parameters(parameters: DriverParameters) -> None:
-    """Refuse parameters that the hardware cannot use, before anything is started.
-
-    Raises:
-        ParameterError: the hardware is unknown, or does not take them.
-
-    """
-    check_hardware(parameters.hardware)
-    check = getattr(entries(HARDWARE)[parameters.hardware].load(), "check", None)
+    make: Callable[[HardwareContext], Hardware] = known[name].load()
+    check = getattr(make, "check", None)
     if check is not None:
         check(parameters)
+    return make
 
 
-def make_hardware(context: HardwareContext) -> Hardware:
-    """Make the hardware that the parameter `hardware` names.
-
-    Raises:
-        ParameterError: the name is unknown, or what it names cannot be made from these parameters.
-
-    """
-    name = context.parameters.hardware
-    check_hardware(name)
-    made: Hardware = entries(HARDWARE)[name].load()(context)
-    return made
+_PRESSURE_TOPICS = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
 
 
 class Measured:
     """Pressures and what the outputs do, from hardware to driver and graph."""
 
     def __init__(self, context: HardwareContext, places: Iterable[str]) -> None:
-        """Create the publishers.
-
-        Args:
-            context: Of the hardware.
-            places: Channels, and the manifold, that have a pressure sensor.
-
-        """
+        """Create the publishers; `places` are the channels, and the manifold, that have a pressure sensor."""
         self._context = context
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
-        node = context.node
+        node, topics = context.node, {place: _PRESSURE_TOPICS[place] for place in places}
         self._pressures = {
-            place: node.create_publisher(FluidPressure, topics[place].name, publisher_qos(topics[place]))
-            for place in places
+            place: node.create_publisher(FluidPressure, topic.name, publisher_qos(topic))
+            for place, topic in topics.items()
         }
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
 
@@ -169,37 +144,26 @@ class Measured:
         self._pressures.clear()
 
 
-_CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation", simulated=True)
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation")
 
 
 class SimulatedHardware:
-    """Hands over the pressures that the simulation publishes. Implements `core.hardware.Hardware`."""
+    """Hands over the pressures that the simulation publishes. Implements `core.hardware.Hardware`.
+
+    Its link is always connected: whether the simulation is there is seen by its pressures; it lets go as a board does.
+    """
 
     def __init__(self, context: HardwareContext) -> None:
-        """Subscribe to every pressure."""
+        """Subscribe to every pressure, and to what the outputs do."""
         self._context = context
-        topics = {**PRESSURES, MANIFOLD: MANIFOLD_PRESSURE}
-        self._subscriptions = [
-            context.node.create_subscription(
-                FluidPressure,
-                topic.name,
-                partial(self._on_pressure, place),
-                subscriber_qos(topic),
-                raw=True,
-            )
-            for place, topic in topics.items()
-        ]
-        self._link = _CONNECTED
-        self._subscriptions.append(
-            context.node.create_subscription(
-                ActuatorStates, ACTUATOR_STATES.name, self._on_taken, subscriber_qos(ACTUATOR_STATES)
-            )
-        )
-
-    @property
-    def link(self) -> LinkStatus:
-        """Always connected: whether the simulation is there is seen by its pressures; it lets go as a board does."""
-        return self._link
+        self.link = _CONNECTED
+        node = context.node
+        self._subscriptions = []
+        for place, topic in _PRESSURE_TOPICS.items():
+            take, qos = partial(self._on_pressure, place), subscriber_qos(topic)
+            self._subscriptions.append(node.create_subscription(FluidPressure, topic.name, take, qos, raw=True))
+        taken, qos = ACTUATOR_STATES.name, subscriber_qos(ACTUATOR_STATES)
+        self._subscriptions.append(node.create_subscription(ActuatorStates, taken, self._on_taken, qos))
 
     def apply(self, command: ActuatorCommand) -> None:
         """Do nothing: the driver publishes its commands whatever the hardware, and the simulation listens to them."""
@@ -210,12 +174,12 @@ class SimulatedHardware:
     def _on_taken(self, message: ActuatorStates) -> None:
         driven = ActuatorCommand(dict(zip(message.channels, message.energised, strict=False)), message.pump_duty)
         self._context.driven(driven, stamp_seconds(message.header.stamp))
-        latched = frozenset({SafeCause.HOST_SILENT} if message.host_silent else ())
-        link = dataclasses.replace(
-            _CONNECTED, latched=latched, plant_restarts=message.plant_restarts, paused=message.plant_paused
+        self.link = dataclasses.replace(
+            _CONNECTED,
+            latched=frozenset({SafeCause.HOST_SILENT} if message.host_silent else ()),
+            plant_restarts=message.plant_restarts,
+            paused=message.plant_paused,
         )
-        if link != self._link:
-            self._link = link
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -237,12 +201,7 @@ _LONGEST_LAG_S = 2.0 * WATCHDOG_S
 
 
 class FakeHardware:
-    """An ankle of plain numbers behind a board. Implements `core.hardware.Hardware`.
-
-    Attributes:
-        board: The board, for tests that let it or the plant behind it fail.
-
-    """
+    """An ankle of plain numbers behind a board, which tests let fail. Implements `core.hardware.Hardware`."""
 
     def __init__(self, context: HardwareContext) -> None:
         """Start the plant, vented.
@@ -259,12 +218,12 @@ class FakeHardware:
         except (OSError, ScriptError) as error:
             msg = f"parameter 'fake_faults': {error}"
             raise ParameterError(msg) from error
-        plant = FakePlant(CHANNELS, context.parameters.air(), STANDARD_ATMOSPHERE_PA)
+        plant = FakePlant(context.parameters.air(), STANDARD_ATMOSPHERE_PA)
         self.board = FakeBoard(plant)
         self._draw = random.Random(0)  # noqa: S311 - which telegrams noise hits is no secret
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last_s = seconds(self._steady.now())
-        self._measured = Measured(context, plant.places)
+        self._measured = Measured(context, plant.pressures_pa)
         self._timer = context.node.create_timer(STEP_S, self._exchange, clock=self._steady)
 
     @property
@@ -302,10 +261,8 @@ class FakeHardware:
             entry = self._script.pop(0)
             if entry.fault is None:
                 self.board.heal()
-            elif isinstance(entry.fault, LinkFault):
-                self.board.inject(entry.fault, entry.size)
             else:
-                self.board.plant.inject(entry.fault, entry.place, entry.size)
+                self.board.inject(entry.fault, entry.place, entry.size)
         if self.board.link.state is not LinkState.CONNECTED:
             return
         spoiled = self._draw.random() < self.board.noise_share

@@ -8,78 +8,78 @@ from jammkle_common.messages import Health, Level
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState
-from jammkle_driver.core.link import link_numbers
+from jammkle_driver.core.watch import link_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from jammkle_driver.core.air import AtmosphereStatus
+    from jammkle_driver.core.air import Atmosphere
     from jammkle_driver.core.ankle import Ankle
     from jammkle_driver.core.bank import Estimate
-    from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.driver import Driver, DriverStatus
+    from jammkle_driver.core.channel import Channel
+    from jammkle_driver.core.driver import Driver, Trouble
     from jammkle_driver.core.hardware import LinkStatus
 
 _LEVELS = {ChannelState.UNKNOWN: Level.WARN, ChannelState.FAULT: Level.ERROR}
+_LATE = f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still"
 _LINK_LEVELS = {LinkState.CONNECTED: Level.OK, LinkState.SEARCHING: Level.WARN, LinkState.LOST: Level.ERROR}
 
 
 def health_lines(
-    status: DriverStatus,
+    driver: Driver,
     lifecycle_state: str,
     refused_command: str,
     link: LinkStatus | None = None,
     commanders: Sequence[str] = (),
 ) -> tuple[Health, ...]:
-    """Return one line for the driver, one each for link, jam_command and manifold, and one per channel.
+    """Return one line each for driver, link, jam_command, manifold, channels, and for what is made of them.
 
     Args:
-        status: What is known of the driver.
+        driver: The driver.
         lifecycle_state: Label of the node's lifecycle state.
         refused_command: Why the last jam_command was refused; empty if it was taken, or none came.
         link: What is known of the hardware's other end; None where the driver is not configured.
         commanders: Names of the nodes that publish jam_command.
 
     """
+    ankle, estimate = driver.ankle, driver.ankle.diagnosis.estimate
     return (
-        _driver_line(status, lifecycle_state),
-        *(() if link is None else (_link_line(link, status),)),
-        _command_line(status, refused_command, commanders),
-        _manifold_line(status),
-        *(_channel_line(channel) for channel in status.channels),
-    )
-
-
-def ankle_lines(driver: Driver) -> tuple[Health, ...]:
-    """Return one line each for the worst that is known, the atmosphere, the pump and the driver's own pace."""
-    status, ankle = driver.status, driver.ankle
-    trouble = status.trouble
-    level = Level.OK if trouble.reason is Reason.NONE else Level.ERROR if ankle.faulty else Level.WARN
-    values = {"action": trouble.action or "none", **trouble.values}
-    said = f"{trouble.reason.name}: {trouble.text}; action: {trouble.action}" if trouble.text else "none"
-    estimate = ankle.diagnosis.estimate
-    return (
-        Health("fault", level, said, values),
-        _atmosphere_line(ankle.atmosphere.status),
+        _driver_line(driver, lifecycle_state),
+        *(() if link is None else (_link_line(link, driver),)),
+        _command_line(driver, refused_command, commanders),
+        _manifold_line(ankle.manifold_vacuum_pa),
+        *map(_channel_line, ankle.channels.values()),
+        _fault_line(driver.trouble, Level.ERROR if ankle.faulty else Level.WARN),
+        _atmosphere_line(ankle.atmosphere),
         _pump_line(ankle, estimate),
         *_leak_lines(ankle, estimate),
-        _pace_line(driver),
+        _line("executor", _LATE if driver.own_pace.overloaded else "", driver.own_pace.values),
     )
 
 
-def _atmosphere_line(air: AtmosphereStatus) -> Health:
+def _fault_line(trouble: Trouble, level: Level) -> Health:
+    why, action = trouble
+    said = f"{why.reason.name}: {why.text}; action: {action}" if why.text else "none"
+    values = {"action": action or "none", **why.values}
+    return Health("fault", Level.OK if why.reason is Reason.NONE else level, said, values)
+
+
+def _line(about: str, warning: str, values: Mapping[str, str]) -> Health:
+    """Return a line that is well where there is nothing to warn of."""
+    return Health(about, Level.WARN if warning else Level.OK, warning, values)
+
+
+def _atmosphere_line(air: Atmosphere) -> Health:
+    warning = (
+        f"ambient_pressure_pa is {air.declared_pa:.0f}, and vented channels read {air.pressure_pa:.0f} Pa: "
+        "what they read is used; correct the parameter"
+    )
     values = {
         "atmosphere (Pa)": f"{air.pressure_pa:.0f}",
         "ambient_pressure_pa (Pa)": f"{air.declared_pa:.0f}",
         "measured by vented channels": "yes" if air.measured else "not yet",
     }
-    if air.doubtful:
-        message = (
-            f"ambient_pressure_pa is {air.declared_pa:.0f}, and vented channels read {air.pressure_pa:.0f} Pa: "
-            "what they read is used; correct the parameter"
-        )
-        return Health("atmosphere", Level.WARN, message, values)
-    return Health("atmosphere", Level.OK, "", values)
+    return _line("atmosphere", warning if air.doubtful else "", values)
 
 
 def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
@@ -89,11 +89,9 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
         "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
         "ultimate vacuum (share of declared)": f"{estimate.pump_end_share:.2f}",
         "resting": "yes" if ankle.resting else "no",
-        "stored vacuum wanted (Pa)": f"{ankle.settings.regulator.stored_vacuum_pa:.0f}",
+        "stored vacuum wanted (Pa)": f"{ankle.parameters.reservoir_vacuum_pa:.0f}",
     }
-    if load.limited:
-        return Health("pump", Level.WARN, "spared: its mean duty is at pump_rated_duty; look for a leak", values)
-    return Health("pump", Level.OK, "", values)
+    return _line("pump", "spared: its mean duty is at pump_rated_duty; look for a leak" if load.limited else "", values)
 
 
 def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
@@ -118,39 +116,30 @@ def _leak_lines(ankle: Ankle, estimate: Estimate) -> tuple[Health, ...]:
     return tuple(lines)
 
 
-def _pace_line(driver: Driver) -> Health:
-    own = driver.own_pace
-    if own.overloaded:
-        return Health(
-            "executor", Level.WARN, f"{Reason.EXECUTOR_OVERLOADED.name}: work comes late, or stood still", own.values
-        )
-    return Health("executor", Level.OK, "", own.values)
-
-
-def _driver_line(status: DriverStatus, lifecycle_state: str) -> Health:
+def _driver_line(driver: Driver, lifecycle_state: str) -> Health:
     values = {
-        "publishers of emergency_stop": str(status.stop_publishers),
-        "of these say true": str(status.stop_asked_by),
+        "publishers of emergency_stop": str(driver.stop.publishers),
+        "of these say true": str(driver.stop.asked_by),
     }
-    if status.stop_reason:
-        held = "; solenoids kept, pump off" if status.held else ""
-        text = f"emergency stop: {status.stop_reason}; release it, then ~/clear_fault{held}"
+    if driver.stop.reason:
+        held = "; solenoids kept, pump off" if driver.ankle.held else ""
+        text = f"emergency stop: {driver.stop.reason}; release it, then ~/clear_fault{held}"
         return Health("driver", Level.ERROR, text, values)
-    return Health("driver", Level.OK if status.active else Level.WARN, lifecycle_state, values)
+    return Health("driver", Level.OK if driver.active else Level.WARN, lifecycle_state, values)
 
 
-def _command_line(status: DriverStatus, refused_command: str, commanders: Sequence[str]) -> Health:
+def _command_line(driver: Driver, refused_command: str, commanders: Sequence[str]) -> Health:
     values = {"publishers": ", ".join(commanders) or "none"}
-    if status.commanders > 1:
+    if driver.streams.speaking > 1:
         text = (
-            f"{status.commanders} publishers at once ({values['publishers']}): each channel follows the one that "
+            f"{driver.streams.speaking} publishers at once ({values['publishers']}): each channel follows the one that "
             "changed last; to command alone stop the others, the controller by controller/set_auto with false"
         )
-        return Health("jam_command", Level.WARN, f"{refused_command}; {text}" if refused_command else text, values)
-    return Health("jam_command", Level.WARN if refused_command else Level.OK, refused_command, values)
+        refused_command = f"{refused_command}; {text}" if refused_command else text
+    return _line("jam_command", refused_command, values)
 
 
-def _link_line(link: LinkStatus, status: DriverStatus) -> Health:
+def _link_line(link: LinkStatus, driver: Driver) -> Health:
     level, message = _LINK_LEVELS[link.state], f"{link.state.value}: {link.detail}"
     if link.state is not LinkState.CONNECTED:
         pass  # what the board said before is old
@@ -159,7 +148,7 @@ def _link_line(link: LinkStatus, status: DriverStatus) -> Health:
         message = f"safe state latched: {', '.join(sorted(cause.value for cause in link.latched))}"
     elif link.paused:
         level, message = Level.WARN, "the simulation is paused or runs a rig; what is asked for happens when it goes on"
-    elif warning := status.line_noise or status.restarted:
+    elif warning := driver.line_noise or driver.restarted:
         level, message = Level.WARN, f"{warning.reason.name}: {warning.text}"
     elif link.faults:
         level = Level.WARN
@@ -168,19 +157,19 @@ def _link_line(link: LinkStatus, status: DriverStatus) -> Health:
     return Health("link", level, message, {"last reset": reset, **link_numbers(link)})
 
 
-def _manifold_line(status: DriverStatus) -> Health:
-    if status.manifold_vacuum_pa is None:
+def _manifold_line(vacuum_pa: float | None) -> Health:
+    if vacuum_pa is None:
         return Health("manifold", Level.WARN, "no pressure measured; the pump is regulated by the channels alone")
-    return Health("manifold", Level.OK, "", {"vacuum (Pa)": f"{status.manifold_vacuum_pa:.0f}"})
+    return Health("manifold", Level.OK, "", {"vacuum (Pa)": f"{vacuum_pa:.0f}"})
 
 
-def _channel_line(channel: ChannelStatus) -> Health:
-    measured_pa = channel.measured_vacuum_pa
-    message = f"{channel.state.name}: {channel.reason}" if channel.reason else channel.state.name
+def _channel_line(channel: Channel) -> Health:
+    why, name = channel.why, channel.state.name
     values = {
-        "fault": channel.fault.name,
-        "commanded vacuum (Pa)": f"{channel.commanded_vacuum_pa:.0f}",
-        "measured vacuum (Pa)": "not measured" if measured_pa is None else f"{measured_pa:.0f}",
-        **channel.values,
+        "fault": why.reason.name,
+        "commanded vacuum (Pa)": f"{channel.set_point_pa:.0f}",
+        "measured vacuum (Pa)": "not measured" if channel.vacuum_pa is None else f"{channel.vacuum_pa:.0f}",
+        **why.values,
     }
-    return Health(channel.name, _LEVELS.get(channel.state, Level.OK), message, values)
+    level = _LEVELS.get(channel.state, Level.OK)
+    return Health(channel.name, level, f"{name}: {why.text}" if why.text else name, values)

@@ -33,14 +33,13 @@ from jammkle_common.names import (
 )
 from jammkle_common.parameters import declare, on_change
 from jammkle_common.qos import MessageInfo, publisher_qos, subscribe_to_any
-from jammkle_driver.conversions import duty_message, jam_state_message, seconds, set_points, solenoid_message
-from jammkle_driver.core.channel import ChannelState
-from jammkle_driver.core.driver import Driver, check_carried_out
+from jammkle_driver.conversions import jam_state_message, seconds, set_points
+from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import LinkState
 from jammkle_driver.core.requests import Publication, RequestError
-from jammkle_driver.core.watchdog import Instant
-from jammkle_driver.hardware import HardwareContext, check_parameters, make_hardware
-from jammkle_driver.health import ankle_lines, health_lines
+from jammkle_driver.core.watch import Instant
+from jammkle_driver.hardware import HardwareContext, checked_hardware
+from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_msgs.msg import JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -53,7 +52,6 @@ if TYPE_CHECKING:
 
     from jammkle_common.messages import Health
     from jammkle_common.names import Service, Topic
-    from jammkle_driver.core.driver import DriverStatus
     from jammkle_driver.core.hardware import ActuatorCommand, Hardware, LinkStatus, PressureSample
 
 
@@ -67,23 +65,19 @@ class DriverNode(LockstepNode, LifecycleNode):
     """Pump and solenoids of one ankle as topics and services."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Declare the parameters; topics and services come with `on_configure`.
-
-        Args:
-            node_options: Passed on to rclpy (`parameter_overrides`, `namespace`, `context`).
+        """Declare the parameters; topics and services come with `on_configure`. Options are those of rclpy's node.
 
         Raises:
             ParameterError: a parameter is unknown or out of range.
-
         """
         super().__init__(DRIVER_NODE, **node_options)
         refuse_bad_transitions(self)
         self._values = declare(self, DriverParameters)
-        check_parameters(self._values)
+        self._make_hardware = checked_hardware(self._values)
         on_change(self, DriverParameters, self._take_parameters)
         if self._values.hardware != SIM_HARDWARE:
             self.live_on_steady_clock()
-        self._driver = Driver(CHANNELS, self._values.settings())
+        self._driver = Driver(CHANNELS, self._values)
         self._was_in_step = False
         self._outputs: Outputs | None = None
         self._hardware: Hardware | None = None
@@ -111,7 +105,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         context = HardwareContext(
             self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
         )
-        self._hardware = make_hardware(context)
+        self._hardware = self._make_hardware(context)
         self._logged_link = self._hardware.link
         self._create_subscriptions()
         self._create_services()
@@ -138,10 +132,7 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything and destroy topics and services."""
-        self._close()
-        return TransitionCallbackReturn.SUCCESS
+    on_shutdown = on_cleanup
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything and be unconfigured again."""
@@ -156,7 +147,7 @@ class DriverNode(LockstepNode, LifecycleNode):
             return
         self._hardware.apply(self._driver.command)
         self._outputs.repeat_command(self._driver.command)
-        self._outputs.repeat_state(self._driver.status, self._refused_command)
+        self._outputs.repeat_state(self._driver, self._refused_command)
         # The hardware first: rclpy keeps Python's lock while it waits for a subscriber, and a killed one never answers.
         self._hardware.close()
         self._outputs.deliver()
@@ -206,7 +197,7 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _unjam(self, channels: Sequence[str], asked_by: str) -> str:
         answer = self._driver.unjam(channels, asked_by)
         link = None if self._hardware is None else self._hardware.link
-        check_carried_out(self._driver.status, channels, link)
+        self._driver.check_carried_out(channels, link)
         return answer
 
     def _on_sample(self, sample: PressureSample) -> None:
@@ -272,15 +263,10 @@ class DriverNode(LockstepNode, LifecycleNode):
 
     def _repeat_state(self) -> None:
         if self._outputs is not None:
-            self._outputs.repeat_state(self._driver.status, self._refused_command)
+            self._outputs.repeat_state(self._driver, self._refused_command)
 
     def _settle(self, now: Instant | None = None) -> None:
-        """Let everybody know what has changed; called after everything that may change something.
-
-        Args:
-            now: When that was; None: now.
-
-        """
+        """Let everybody know what has changed; called after everything that may change something."""
         if self._outputs is None or self._hardware is None:
             return
         command = self._driver.command
@@ -290,10 +276,9 @@ class DriverNode(LockstepNode, LifecycleNode):
         reported = (self._driver.standing, self._refused_command)
         if reported != self._reported:
             self._reported = reported
-            status = self._driver.status
-            self._outputs.repeat_state(status, self._refused_command)
+            self._outputs.repeat_state(self._driver, self._refused_command)
             self._diagnostics.check()
-            faults = tuple(dict.fromkeys(c.reason for c in status.channels if c.state is ChannelState.FAULT))
+            faults = tuple(dict.fromkeys(channel.why.text for channel in self._driver.ankle.faulty))
             for fault in faults:
                 if fault not in self._faults:
                     self.get_logger().error(fault)
@@ -301,20 +286,19 @@ class DriverNode(LockstepNode, LifecycleNode):
 
     def _take_parameters(self, parameters: DriverParameters) -> None:
         self._values = parameters
-        self._driver.limit(parameters.limits())
+        self._driver.parameters = parameters
         if parameters.ambient_pressure_pa != self._declared_ambient_pa():
             self._driver.ankle.declare_atmosphere(parameters.ambient_pressure_pa, self._now())
         self._settle()
 
     def _declared_ambient_pa(self) -> float:
-        return self._driver.ankle.atmosphere.status.declared_pa
+        return self._driver.ankle.atmosphere.declared_pa
 
     def _health(self) -> tuple[Health, ...]:
         _identifier, label = self._state_machine.current_state
         link = None if self._hardware is None else self._hardware.link
         names = sorted(each.node_name for each in self.get_publishers_info_by_topic(JAM_COMMAND.name))
-        lines = health_lines(self._driver.status, label, self._refused_command, link, names)
-        return (*lines, *ankle_lines(self._driver), self._liveness.health())
+        return (*health_lines(self._driver, label, self._refused_command, link, names), self._liveness.health())
 
     def _now(self) -> Instant:
         if self._values.hardware != SIM_HARDWARE:
@@ -363,13 +347,13 @@ class Outputs:
         self._command = command
         for channel, energised in command.solenoids.items():
             if last is None or last.solenoids[channel] != energised:
-                self._solenoids[channel].publish(solenoid_message(energised=energised))
+                self._solenoids[channel].publish(Bool(data=energised))
         if last is None or last.pump_duty != command.pump_duty:
-            self._duty.publish(duty_message(command.pump_duty))
+            self._duty.publish(Float32(data=command.pump_duty))
 
-    def repeat_state(self, status: DriverStatus, refused_command: str) -> None:
+    def repeat_state(self, driver: Driver, refused_command: str) -> None:
         """Publish the state, and why the last jam_command was refused (empty: it was not)."""
-        self._state.publish(jam_state_message(status, self._node.get_clock().now().to_msg(), refused_command))
+        self._state.publish(jam_state_message(driver, self._node.get_clock().now().to_msg(), refused_command))
 
     def deliver(self) -> None:
         """Wait until all subscribers have got what was published, at most half a second in all."""

@@ -8,12 +8,6 @@ from jammkle_common.constants import HELD_VACUUM_PA, STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_common.parameters import ParameterError, parameter
 from jammkle_driver.core.air import AirSettings
-from jammkle_driver.core.ankle import AnkleSettings, FaultPolicy, SafeState
-from jammkle_driver.core.channel import ChannelSettings
-from jammkle_driver.core.diagnosis import DiagnosisSettings
-from jammkle_driver.core.driver import DriverSettings
-from jammkle_driver.core.regulator import RegulatorSettings
-from jammkle_driver.core.requests import VacuumLimits
 
 TICK_PERIOD_S = 0.05
 """Actuator commands are repeated, and silences looked for, this often on the steady clock, s."""
@@ -147,18 +141,13 @@ class DriverParameters:
                 max_vacuum_pa, or no vacuum at all would be near enough to min_vacuum_pa.
 
         """
-        if self.max_vacuum_pa >= self.pump_ultimate_vacuum_pa:
-            msg = (
-                f"parameter 'max_vacuum_pa' is {self.max_vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
-                f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
-            )
-            raise ParameterError(msg)
-        if self.reservoir_volume_m3 > 0.0 and self.stored_vacuum_pa >= self.pump_ultimate_vacuum_pa:
-            msg = (
-                f"parameter 'stored_vacuum_pa' is {self.stored_vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
-                f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
-            )
-            raise ParameterError(msg)
+        for name, vacuum_pa in (("max_vacuum_pa", self.max_vacuum_pa), ("stored_vacuum_pa", self.reservoir_vacuum_pa)):
+            if vacuum_pa >= self.pump_ultimate_vacuum_pa:
+                msg = (
+                    f"parameter '{name}' is {vacuum_pa:g}; it must be below pump_ultimate_vacuum_pa, "
+                    f"here {self.pump_ultimate_vacuum_pa:g} Pa, which the pump never exceeds"
+                )
+                raise ParameterError(msg)
         if self.tolerance_pa >= self.min_vacuum_pa:
             msg = (
                 f"parameter 'tolerance_pa' is {self.tolerance_pa:g}; it must be below min_vacuum_pa, "
@@ -172,12 +161,28 @@ class DriverParameters:
             )
             raise ParameterError(msg)
 
-    def limits(self) -> VacuumLimits:
-        """Vacuum that may be asked for."""
-        return VacuumLimits(self.min_vacuum_pa, self.max_vacuum_pa, self.default_vacuum_pa)
+    @property
+    def holds(self) -> bool:
+        """Whether the safe state keeps solenoids as they are, the pump off."""
+        return self.safe_state == "hold"
+
+    @property
+    def fails_alone(self) -> bool:
+        """Whether the other channels go on when one fails."""
+        return self.fault_policy == "channel"
+
+    @property
+    def longest_jam_s(self) -> float:
+        """`jam_timeout_s`, and the time in which the pump evacuates the reservoir, s."""
+        return self.jam_timeout_s + self.air().evacuation_s(self.reservoir_volume_m3, self.max_vacuum_pa)
+
+    @property
+    def reservoir_vacuum_pa(self) -> float:
+        """Vacuum to which the reservoir is evacuated while nothing is jammed, Pa; 0: there is none."""
+        return self.stored_vacuum_pa if self.reservoir_volume_m3 > 0.0 else 0.0
 
     def air(self) -> AirSettings:
-        """The ankle as built."""
+        """Return the ankle as built."""
         return AirSettings(
             manifold_volume_m3=self.manifold_volume_m3,
             channel_volumes_m3=tuple(self.tendon_volume_m3 * len(TENDONS_OF_CHANNEL[name]) for name in CHANNELS),
@@ -187,40 +192,4 @@ class DriverParameters:
             pump_ultimate_vacuum_pa=self.pump_ultimate_vacuum_pa,
             valve_dead_time_s=self.valve_dead_time_s,
             reservoir_volume_m3=self.reservoir_volume_m3,
-        )
-
-    def settings(self) -> DriverSettings:
-        """Everything the core wants to know."""
-        air = self.air()
-        reservoir_s = air.evacuation_s(self.reservoir_volume_m3, self.max_vacuum_pa)
-        return DriverSettings(
-            limits=self.limits(),
-            ankle=AnkleSettings(
-                channel=ChannelSettings(
-                    tolerance_pa=self.tolerance_pa,
-                    hysteresis_pa=self.hysteresis_pa,
-                    vented_vacuum_pa=self.vented_vacuum_pa,
-                    jam_timeout_s=self.jam_timeout_s + reservoir_s,
-                    vent_timeout_s=self.vent_timeout_s,
-                ),
-                regulator=RegulatorSettings(
-                    proportional_gain_per_pa=self.regulator_gain_per_pa,
-                    integral_time_s=self.regulator_integral_time_s,
-                    manifold_lead_pa=self.manifold_lead_pa,
-                    rest_band_pa=self.pump_rest_band_pa,
-                    rated_duty=self.pump_rated_duty,
-                    thermal_time_s=self.pump_thermal_time_s,
-                    channel_lead_pa=0.5 * self.tolerance_pa,
-                    stored_vacuum_pa=self.stored_vacuum_pa if self.reservoir_volume_m3 > 0.0 else 0.0,
-                ),
-                diagnosis=DiagnosisSettings(air),
-                diagnose=self.diagnose,
-                ambient_pa=self.ambient_pressure_pa,
-                safe_state=SafeState(self.safe_state),
-                fault_policy=FaultPolicy(self.fault_policy),
-            ),
-            command_timeout_s=self.command_timeout_s,
-            pressure_timeout_s=self.pressure_timeout_s,
-            emergency_stop_timeout_s=self.emergency_stop_timeout_s,
-            tick_period_s=TICK_PERIOD_S,
         )

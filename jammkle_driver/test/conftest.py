@@ -11,11 +11,11 @@ from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.requests import SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
-    from jammkle_driver.core.channel import ChannelStatus
+    from jammkle_driver.core.channel import Channel
 
 settings.register_profile("soak", max_examples=3500, stateful_step_count=50, deadline=None)
 """100,000 requests: `make soak`."""
@@ -28,9 +28,8 @@ class Rig:
 
     def __init__(self, **parameters: float) -> None:
         self.now = Instant(10.0, 100.0)
-        self.driver = Driver(
-            CHANNELS, DriverParameters(**{"diagnose": False, "fault_policy": "channel", **parameters}).settings()
-        )
+        given = {"diagnose": False, "fault_policy": "channel", **parameters}
+        self.driver = Driver(CHANNELS, DriverParameters(**given))
 
     def active(self) -> Rig:
         self.driver.activate(self.now)
@@ -49,11 +48,20 @@ class Rig:
         set_points = [SetPoint(name, value) for name, value in vacuums_pa.items()]
         self.driver.follow(set_points, self.now, "jam_command", anew=anew)
 
-    def channel(self, name: str) -> ChannelStatus:
-        return self.driver.status.channels[CHANNELS.index(name)]
+    def channel(self, name: str) -> Channel:
+        return self.driver.ankle.channels[name]
+
+    def said(self) -> tuple[object, ...]:
+        """Return all that the driver says of itself, and what it commands."""
+        driver, channels = self.driver, self.driver.ankle.channels.values()
+        of_channels = tuple((each.name, each.state, each.set_point_pa, each.vacuum_pa, each.why) for each in channels)
+        of_publishers = (driver.stop.publishers, driver.stop.asked_by, driver.streams.speaking)
+        of_ankle = (driver.ankle.manifold_vacuum_pa, driver.ankle.held, driver.trouble)
+        of_driver = (driver.active, driver.stop.reason, driver.line_noise, driver.restarted)
+        return (of_driver, of_ankle, of_channels, of_publishers, driver.command)
 
     def wanted_pa(self, name: str) -> float:
-        return self.channel(name).commanded_vacuum_pa
+        return self.channel(name).set_point_pa
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from jammkle_common.names import WAY_BACK
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,32 +70,32 @@ class AnythingGoes(RuleBasedStateMachine):
 
     @rule(names=st.lists(channel_names), vacuum_pa=bad_vacuums)
     def ask_nonsense(self, names: list[str], vacuum_pa: float) -> None:
-        before = (self.rig.driver.status, self.rig.driver.command)
+        before = self.rig.said()
         with pytest.raises(RequestError):
             self.rig.driver.jam(names, vacuum_pa, "test")
-        assert (self.rig.driver.status, self.rig.driver.command) == before
+        assert self.rig.said() == before
 
     @rule(vacuums_pa=st.dictionaries(channel_names, st.one_of(st.just(0.0), vacuums)))
     def follow(self, vacuums_pa: dict[str, float]) -> None:
-        before = (self.rig.driver.status, self.rig.driver.command)
+        before = self.rig.said()
         try:
             self.rig.follow(**vacuums_pa)
         except RequestError:
-            assert (self.rig.driver.status, self.rig.driver.command) == before
+            assert self.rig.said() == before
             return
         self._accept_stream(vacuums_pa)
 
     @rule(vacuum_pa=st.one_of(st.just(0.0), vacuums))
     def follow_one_vacuum(self, vacuum_pa: float) -> None:
         vacuums_pa = dict.fromkeys(CHANNELS, vacuum_pa)
-        if self.rig.driver.status.active:
+        if self.rig.driver.active:
             self.rig.follow(**vacuums_pa)
             self._accept_stream(vacuums_pa)
 
     def _accept_stream(self, vacuums_pa: dict[str, float]) -> None:
         """Every channel has what it had before or what the stream says, the latter only where it is named."""
-        for channel in self.rig.driver.status.channels:
-            commanded_pa = channel.commanded_vacuum_pa
+        for channel in self.rig.driver.ankle.channels.values():
+            commanded_pa = channel.set_point_pa
             assert commanded_pa in (self.wanted[channel.name], vacuums_pa.get(channel.name, self.wanted[channel.name]))
             self.wanted[channel.name] = commanded_pa
 
@@ -115,11 +115,11 @@ class AnythingGoes(RuleBasedStateMachine):
         try:
             self.rig.driver.clear_fault(self.rig.now)
         except RequestError:
-            assert self.rig.driver.status.stop_reason
+            assert self.rig.driver.stop.reason
 
     @rule()
     def activate(self) -> None:
-        if not self.rig.driver.status.active:
+        if not self.rig.driver.active:
             self.rig.driver.activate(self.rig.now)
 
     @rule()
@@ -128,31 +128,31 @@ class AnythingGoes(RuleBasedStateMachine):
         self.wanted = dict.fromkeys(CHANNELS, 0.0)
 
     def _forget_failed(self) -> None:
-        for channel in self.rig.driver.status.channels:
-            if channel.state is ChannelState.FAULT or "command_timeout_s" in channel.reason:
+        for channel in self.rig.driver.ankle.channels.values():
+            if channel.state is ChannelState.FAULT or "command_timeout_s" in channel.why.text:
                 self.wanted[channel.name] = 0.0
 
     @invariant()
     def is_safe(self) -> None:
-        status, command = self.rig.driver.status, self.rig.driver.command
+        driver, command = self.rig.driver, self.rig.driver.command
         assert 0.0 <= command.pump_duty <= 1.0
-        if not status.active or status.stop_reason:
+        if not driver.active or driver.stop.reason:
             assert command == released(CHANNELS)
-        for channel in status.channels:
-            if channel.state in (ChannelState.FAULT, ChannelState.UNKNOWN) or channel.commanded_vacuum_pa == 0.0:
+        for channel in driver.ankle.channels.values():
+            if channel.state in (ChannelState.FAULT, ChannelState.UNKNOWN) or channel.set_point_pa == 0.0:
                 assert not command.solenoids[channel.name]
-        if not any(channel.commanded_vacuum_pa for channel in status.channels):
+        if not driver.ankle.jammed:
             assert command.pump_duty == 0.0
 
     @invariant()
     def jammed_channels_share_one_vacuum(self) -> None:
-        asked_pa = {channel.commanded_vacuum_pa for channel in self.rig.driver.status.channels}
+        asked_pa = {channel.set_point_pa for channel in self.rig.driver.ankle.channels.values()}
         assert len(asked_pa - {0.0}) <= 1
 
     @invariant()
     def latest_change_wins(self) -> None:
         if self.wanted:
-            assert {c.name: c.commanded_vacuum_pa for c in self.rig.driver.status.channels} == self.wanted
+            assert {c.name: c.set_point_pa for c in self.rig.driver.ankle.channels.values()} == self.wanted
 
 
 def test_anything_goes(make_rig: Callable[..., Any]) -> None:
@@ -185,10 +185,10 @@ def test_a_bad_request_changes_nothing_and_says_why(
 ) -> None:
     """One bad entry spoils the whole request; the message is one line with the value and the limit."""
     rig = make_rig().active()
-    before = (rig.driver.status, rig.driver.command)
+    before = rig.said()
     with pytest.raises(RequestError) as caught:
         request_of(rig.driver)
-    assert (rig.driver.status, rig.driver.command) == before
+    assert rig.said() == before
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
@@ -239,12 +239,12 @@ def test_a_second_vacuum_is_refused_until_the_way_out_is_taken(make_rig: Callabl
         "vacuum_pa is 40000 for achilles, but left and right hold 50000 Pa: channels share one manifold, "
         "so jam all of them to one vacuum or unjam those first"
     )
-    before = (rig.driver.status, rig.driver.command)
+    before = rig.said()
     for request in (lambda: rig.driver.jam(["achilles"], 40e3, "t"), lambda: rig.follow(achilles=40e3)):
         with pytest.raises(RequestError) as caught:
             request()
         assert str(caught.value) == said
-        assert (rig.driver.status, rig.driver.command) == before
+        assert rig.said() == before
     rig.driver.jam([], 40e3, "t")
     assert {rig.wanted_pa(name) for name in CHANNELS} == {40e3}
     rig.driver.unjam(["left", "right"], "t")
@@ -279,15 +279,15 @@ def test_reasons_say_who_asked_and_who_cleared(make_rig: Callable[..., Any]) -> 
     rig = make_rig().active()
     rig.driver.jam(["left"], 50e3, "~/jam")
     rig.follow(right=50e3)
-    assert rig.channel("left").reason == "asked by ~/jam"
-    assert rig.channel("right").reason == "asked by jam_command"
+    assert rig.channel("left").why.text == "asked by ~/jam"
+    assert rig.channel("right").why.text == "asked by jam_command"
     rig.driver.clear_fault(rig.now)
-    assert rig.channel("left").reason == "asked by ~/jam"
+    assert rig.channel("left").why.text == "asked by ~/jam"
     rig.driver.emergency_stop(stop=True, now=rig.now)
-    assert "emergency stop" in rig.channel("left").reason
+    assert "emergency stop" in rig.channel("left").why.text
     rig.driver.emergency_stop(stop=False, now=rig.now)
     rig.driver.clear_fault(rig.now)
-    assert {rig.channel(name).reason for name in CHANNELS} == {"cleared by ~/clear_fault"}
+    assert {rig.channel(name).why.text for name in CHANNELS} == {"cleared by ~/clear_fault"}
 
 
 def test_a_stream_that_begins_with_nothing_takes_nothing_away(make_rig: Callable[..., Any]) -> None:

@@ -18,7 +18,7 @@ from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 
@@ -61,7 +61,7 @@ class Host:
     """Runs a driver with too little time: its board and plant go on, and their messages wait, each in its queue."""
 
     def __init__(self, seed: int, starved: Starved) -> None:
-        self.bench = FaultBench(DriverParameters().settings(), seed)
+        self.bench = FaultBench(DriverParameters(), seed)
         self._draw = random.Random(seed)  # noqa: S311 - when a host is busy is no secret
         self._starved = starved
         self._queues = {place: deque[Any](maxlen=_QUEUE) for place in ("driven", MANIFOLD, *CHANNELS)}
@@ -70,7 +70,7 @@ class Host:
 
     @property
     def reported(self) -> Reason:
-        return self.bench.driver.status.trouble.reason
+        return self.bench.driver.trouble.why.reason
 
     def run(self, duration_s: float, *, wander: bool = True) -> None:
         end_s = self.bench.plant.time_s + duration_s
@@ -189,7 +189,7 @@ class AskedBoard:
     """A driver that ticks on time, and a board that is asked; its answers come or not."""
 
     def __init__(self) -> None:
-        self.driver = Driver(CHANNELS, DriverParameters().settings())
+        self.driver = Driver(CHANNELS, DriverParameters())
         self.driver.activate(Instant(0.0, 0.0))
         self.link = LinkStatus(LinkState.CONNECTED)
         self._ticks = 0
@@ -209,7 +209,7 @@ class AskedBoard:
 
     @property
     def reasons(self) -> set[Reason]:
-        return {channel.fault for channel in self.driver.ankle.faulty}
+        return {channel.why.reason for channel in self.driver.ankle.faulty}
 
 
 def test_a_board_whose_answers_come_too_late_is_no_fault() -> None:
@@ -222,7 +222,7 @@ def test_a_board_whose_answers_come_too_late_is_no_fault() -> None:
     asked.driver.jam((), SET_POINT_PA, "test")
     asked.run(DriverParameters().pressure_timeout_s + 2.0 * TICK_PERIOD_S, answers=False)
     assert asked.reasons == set()
-    assert asked.driver.status.trouble.reason is Reason.BOARD_LET_GO
+    assert asked.driver.trouble.why.reason is Reason.BOARD_LET_GO
     assert asked.driver.command == released(CHANNELS)
     asked.run(30.0, answers=False)
     assert asked.reasons == set()
@@ -240,12 +240,12 @@ def test_a_board_that_is_lost_while_vented_comes_back_without_anybody() -> None:
     asked.run(1.0)
     asked.link = replace(asked.link, state=LinkState.LOST, detail="no reply")
     asked.run(5.0, answers=False)
-    assert asked.driver.status.trouble.reason is Reason.BOARD_UNPLUGGED
+    assert asked.driver.trouble.why.reason is Reason.BOARD_UNPLUGGED
     with pytest.raises(RequestError, match="does not answer"):
         asked.driver.jam((), SET_POINT_PA, "test")
     asked.link = replace(asked.link, state=LinkState.CONNECTED)
     asked.run(0.2)
-    assert asked.driver.status.trouble.reason is Reason.NONE
+    assert asked.driver.trouble.why.reason is Reason.NONE
     asked.driver.jam((), SET_POINT_PA, "test")
     asked.link = replace(asked.link, state=LinkState.LOST)
     asked.run(TICK_PERIOD_S, answers=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -13,15 +14,15 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError, from_mapping
 from jammkle_driver import conversions
-from jammkle_driver.core.channel import ChannelState, ChannelStatus
-from jammkle_driver.core.driver import DriverStatus
+from jammkle_driver.core.channel import ChannelState
+from jammkle_driver.core.driver import Driver
+from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.health import health_lines
 from jammkle_driver.parameters import DriverParameters
 from jammkle_msgs.msg import ChannelJamState
 
-
-def status(state: ChannelState, vacuum_pa: float | None, reason: str = "") -> DriverStatus:
-    return DriverStatus(True, "", vacuum_pa, (ChannelStatus("achilles", state, 50e3, vacuum_pa, reason),))  # noqa: FBT003, a plain record
+if TYPE_CHECKING:
+    from conftest import Rig
 
 
 def test_a_pressure_keeps_the_stamp_of_its_measurement() -> None:
@@ -49,14 +50,16 @@ def test_states_have_the_values_of_the_message() -> None:
 
 def test_what_is_not_measured_is_not_a_number() -> None:
     """An unmeasured vacuum is NaN in jam_state, never 0, which would read as vented."""
-    message = conversions.jam_state_message(status(ChannelState.UNKNOWN, None), Time(sec=1))
+    message = conversions.jam_state_message(Driver(("achilles",), DriverParameters()), Time(sec=1))
     assert math.isnan(message.manifold_vacuum_pa)
     assert math.isnan(message.channels[0].measured_vacuum_pa)
 
 
-def test_a_fault_is_an_error_on_diagnostics() -> None:
+def test_a_fault_is_an_error_on_diagnostics(make_rig: type[Rig]) -> None:
     """A channel in FAULT is an ERROR with its reason; a refused jam_command a WARN with what was refused."""
-    lines = {line.about: line for line in health_lines(status(ChannelState.FAULT, 0.0, "a leak"), "active", "bad knee")}
+    rig = make_rig().active()
+    rig.driver.ankle.fail(("achilles",), Finding(Reason.LEAK, "achilles", "a leak"))
+    lines = {line.about: line for line in health_lines(rig.driver, "active", "bad knee")}
     assert lines["achilles"].level is Level.ERROR
     assert "a leak" in lines["achilles"].message
     assert lines["jam_command"].level is Level.WARN

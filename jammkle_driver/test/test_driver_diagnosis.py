@@ -23,7 +23,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.core.diagnosis import THRESHOLD
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
-from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
+from jammkle_driver.fake import FakeFault, FakePlant, LinkFault, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -90,9 +90,9 @@ def _become_noisy(bench: FaultBench) -> None:
 
 
 BEFALLS: dict[Reason, Callable[[FaultBench], None]] = {
-    Reason.BOARD_UNPLUGGED: lambda bench: bench.board.unplug(),
+    Reason.BOARD_UNPLUGGED: lambda bench: bench.board.inject(LinkFault.UNPLUGGED),
     Reason.BOARD_REBOOTED: lambda bench: bench.board.reboot(),
-    Reason.BROWN_OUT: lambda bench: bench.board.sag(),
+    Reason.BROWN_OUT: lambda bench: bench.board.inject(LinkFault.BROWN_OUT),
     Reason.LINE_NOISE: _become_noisy,
     Reason.COMMANDS_STALE: _fall_silent,
 }
@@ -135,9 +135,9 @@ def test_a_pump_that_ends_at_another_vacuum_than_declared_is_healthy(end_pa: flo
 
     def lower(declared: AirSettings, _draw: random.Random, number: int) -> FakePlant:
         air = replace(declared, pump_ultimate_vacuum_pa=end_pa)
-        return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
+        return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
-    bench = FaultBench(DriverParameters().settings(), 1, lower)
+    bench = FaultBench(DriverParameters(), 1, lower)
     for vacuum_pa in (60e3, 40e3, 60e3):
         run(bench, 1.0)
         bench.driver.jam((), vacuum_pa, "test")
@@ -194,7 +194,7 @@ def test_a_second_fault_is_reported_while_the_first_stands(fault: FakeFault, siz
     run(bench, 1.0)
     found = bench.driver.ankle.findings[-1]
     assert (found.reason, found.place) == (Reason.LEAK, "peroneal_left")
-    states = {channel.name: channel.state.name for channel in bench.driver.status.channels}
+    states = {channel.name: channel.state.name for channel in bench.driver.ankle.channels.values()}
     assert states == {"achilles": "FAULT", "peroneal_left": "FAULT", "peroneal_right": "JAMMED"}
     bench.driver.unjam(("peroneal_right",), "test")
     run(bench, 0.5)
@@ -227,9 +227,9 @@ def test_a_valve_that_stays_closed_is_no_stuck_sensor(flow_share: float) -> None
 
     def weaker(declared: AirSettings, _draw: random.Random, number: int) -> FakePlant:
         air = replace(declared, pump_free_flow_m3_s=flow_share * declared.pump_free_flow_m3_s)
-        return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
+        return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(), number)
 
-    bench = FaultBench(DriverParameters().settings(), 0, weaker)
+    bench = FaultBench(DriverParameters(), 0, weaker)
     run(bench, 1.0)
     bench.plant.inject(FakeFault.STUCK_CLOSED, "achilles")
     bench.driver.jam((), SET_POINT_PA, "test")
@@ -242,9 +242,7 @@ def test_a_coarse_or_quiet_sensor_that_repeats_itself_is_healthy(step_pa: float,
     """Converters of 10 and 12 bits whose step hides the noise: most readings equal the one before, and not a word."""
 
     def coarse(declared: AirSettings, draw: random.Random, number: int) -> FakePlant:
-        return FakePlant(
-            CHANNELS, built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number
-        )
+        return FakePlant(built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(noise_pa, step_pa), number)
 
     assert alarms(seed, 35.0, coarse) == []
 
@@ -299,7 +297,7 @@ def test_a_release_between_two_readings_is_no_fault() -> None:
         bench.hand_over()
         bench.driver.jam((), SET_POINT_PA, "test")
         bench.hand_over(late_s=0.04)
-        run(bench, 0.5, lambda: gained.append(max(bench.driver.ankle.diagnosis.scores.values())))
+        run(bench, 0.5, lambda: gained.append(max(bench.driver.ankle.diagnosis._bank.scores)))
     assert max(gained) < 0.5 * THRESHOLD
 
 

@@ -1,25 +1,20 @@
-"""What the state of the link means for the driver, and how hardware is found by name."""
+"""What the state of the link means for the driver, and what a line waits for."""
 
 from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from pymodbus import ModbusException
 
-from jammkle_common.command import HARDWARE
-from jammkle_common.parameters import ParameterError
 from jammkle_driver.board.line import Line, LineError
 from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
-from jammkle_driver.core.link import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
-from jammkle_driver.hardware import HardwareContext, check_hardware, check_parameters, make_hardware
-from jammkle_driver.parameters import DriverParameters
+from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -148,37 +143,3 @@ def test_a_reply_that_comes_late_is_waited_for_longer() -> None:
     assert client.waited_s[:6] == pytest.approx([0.001, 0.001, 0.002, 0.004, 0.008, 0.008])
     assert client.waited_s[-1] == pytest.approx(0.001)
     assert (line.timeouts, line.late) == (6, 4)
-
-
-class OurLab:
-    """Hardware of a user's own."""
-
-    checked: ClassVar[list[str]] = []
-
-    def __init__(self, context: HardwareContext) -> None:
-        self.context = context
-
-    @staticmethod
-    def check(parameters: DriverParameters) -> None:
-        OurLab.checked.append(parameters.port)
-
-
-def test_a_user_brings_hardware_along(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An entry point of any installed package is found by its name, checked at start, and made from the context."""
-    entry = EntryPoint("our_lab", f"{__name__}:OurLab", HARDWARE)
-    monkeypatch.setattr(EntryPoint, "load", lambda _: OurLab)
-    monkeypatch.setattr("jammkle_driver.hardware.entries", lambda _: {"our_lab": entry})
-    parameters = DriverParameters(hardware="our_lab", port="/dev/pump")
-    check_parameters(parameters)
-    assert OurLab.checked == ["/dev/pump"]
-    context = HardwareContext(None, lambda _: None, lambda *_: None, parameters, lambda: parameters.ambient_pressure_pa)
-    made = make_hardware(context)
-    assert isinstance(made, OurLab)
-    assert made.context is context
-
-
-def test_hardware_that_nobody_brings_along_is_refused() -> None:
-    """The error names what there is."""
-    check_hardware("sim")
-    with pytest.raises(ParameterError, match=r"serial.*sim"):
-        check_hardware("serial")

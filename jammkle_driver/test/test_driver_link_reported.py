@@ -129,7 +129,7 @@ def test_a_board_that_resets_while_nothing_is_jammed_is_reported(ankle: Ankle) -
 def test_noise_on_the_line_is_reported_and_costs_no_jam(ankle: Ankle) -> None:
     """A warning with the share of telegrams that were damaged; what is jammed stays so."""
     ankle.jam_again()
-    ankle.board.inject(LinkFault.LINE_NOISE, NOISE_SHARE)
+    ankle.board.inject(LinkFault.LINE_NOISE, size=NOISE_SHARE)
 
     def reported_share() -> float:
         return numbers_of(ankle.said.values_of("fault")).get("wrong check sums (share of telegrams)", 0.0)

@@ -219,41 +219,6 @@ def test_two_that_command_at_once_are_reported(graph: Graph) -> None:
     assert "2 publishers at once" in line.message
 
 
-def test_jam_commands_are_followed_until_they_go_stale(graph: Graph) -> None:
-    """A streamed jam_command jams; when it stops coming, its channels are vented with the reason; others stay."""
-    graph.jammable_driver()
-    publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
-    set_point = JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)])
-    timer = graph.node.create_timer(0.05, lambda: publisher.publish(set_point))
-    graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=40e3)
-    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.JAMMED)
-    refused = graph.call(Jam, names.JAM.path, channels=["peroneal_left"], vacuum_pa=60e3)
-    assert not refused.success
-    assert "achilles holds 40000 Pa" in refused.message
-    graph.node.destroy_timer(timer)
-    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
-    assert "command_timeout_s" in graph.ankle.state_of("achilles").reason
-    # the other channel may be a little too deep just now, and be let up to its set point
-    still = {"peroneal_left": True, "peroneal_right": False, "achilles": False}
-    graph.spin_until(lambda: graph.ankle.solenoids == still)
-    assert graph.ankle.state_of("peroneal_left").commanded_vacuum_pa == 40e3
-
-
-def test_a_silent_pressure_is_a_fault_until_cleared(graph: Graph) -> None:
-    """A channel whose sensor falls silent is released with a reason; clear_fault brings it back."""
-    graph.jammable_driver()
-    graph.call(Trigger, names.JAM_ALL.path)
-    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
-    graph.ankle.silent.add("achilles")
-    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.FAULT)
-    assert "pressure_timeout_s" in graph.ankle.state_of("achilles").reason
-    graph.spin_until(lambda: not graph.ankle.solenoids["achilles"])
-    assert graph.ankle.solenoids["peroneal_left"]
-    graph.ankle.silent.clear()
-    assert graph.call(Trigger, names.CLEAR_FAULT.path).success
-    graph.spin_until(lambda: graph.ankle.state_of("achilles").state == ChannelJamState.UNJAMMED)
-
-
 def test_an_unknown_parameter_is_refused(graph: Graph) -> None:
     """A typing error in a parameter's name ends the start with one line that lists what there is."""
     with pytest.raises(ParameterError, match=r"jam_timeot_s.*jam_timeout_s"):

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jammkle_driver.core.requests import EmergencyStop, Publication, RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,7 +150,7 @@ def test_two_that_contradict_one_another_do_not_take_turns(make_rig: Callable[..
         pause(rig)
         commanded.append(rig.wanted_pa("left"))
     assert commanded == [40e3] * len(commanded)
-    assert rig.driver.status.commanders == 2
+    assert rig.driver.streams.speaking == 2
     follow(rig, controller, 30e3, 2)
     follow(rig, mission, 40e3, 2)
     assert rig.wanted_pa("left") == 30e3
@@ -158,7 +158,7 @@ def test_two_that_contradict_one_another_do_not_take_turns(make_rig: Callable[..
         follow(rig, mission, 40e3, 1)
         pause(rig)
     assert rig.wanted_pa("left") == 0.0
-    assert rig.driver.status.commanders == 1
+    assert rig.driver.streams.speaking == 1
 
 
 def test_a_refused_stop_names_who_still_asks(make_rig: Callable[..., Any]) -> None:

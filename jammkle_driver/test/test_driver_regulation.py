@@ -17,7 +17,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
 from jammkle_driver.core.regulator import PumpRegulator
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters
 
@@ -36,10 +36,10 @@ class Bench(FaultBench):
     def __init__(self, dead_time_s: float = 0.01, **parameters: Any) -> None:
         def as_declared(declared: AirSettings, _draw: random.Random, seed: int) -> FakePlant:
             air = replace(declared, valve_dead_time_s=dead_time_s)
-            return FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
+            return FakePlant(air, STANDARD_ATMOSPHERE_PA, SensorErrors(NOISE_PA), seed)
 
         given = {"diagnose": False, "fault_policy": "channel", **parameters}
-        super().__init__(DriverParameters(**given).settings(), 1, as_declared)
+        super().__init__(DriverParameters(**given), 1, as_declared)
         self.run(0.05)
 
     def run(self, duration_s: float, watch: Callable[[], None] = lambda: None) -> None:
@@ -53,7 +53,7 @@ class Bench(FaultBench):
         return STANDARD_ATMOSPHERE_PA - self.plant.pressures_pa[channel]
 
     def states(self) -> dict[str, ChannelState]:
-        return {channel.name: channel.state for channel in self.driver.status.channels}
+        return {channel.name: channel.state for channel in self.driver.ankle.channels.values()}
 
 
 any_channels = st.sets(st.sampled_from(CHANNELS), min_size=1)
@@ -162,10 +162,10 @@ def test_jammed_means_at_the_set_point(set_points_pa: list[float], hold_s: float
     bench = Bench()
 
     def says_the_truth() -> None:
-        for channel in bench.driver.status.channels:
-            assert channel.measured_vacuum_pa is not None
-            near = abs(channel.measured_vacuum_pa - channel.commanded_vacuum_pa) <= 2e3
-            assert (channel.state is ChannelState.JAMMED) is (near and channel.commanded_vacuum_pa > 0.0)
+        for channel in bench.driver.ankle.channels.values():
+            assert channel.vacuum_pa is not None
+            near = abs(channel.vacuum_pa - channel.set_point_pa) <= 2e3
+            assert (channel.state is ChannelState.JAMMED) is (near and channel.set_point_pa > 0.0)
 
     for vacuum_pa in set_points_pa:
         bench.driver.jam(sorted(channels), vacuum_pa, "test")
@@ -192,7 +192,7 @@ def test_a_channel_that_joins_costs_the_others_no_fault(vacuum_pa: float) -> Non
 )
 def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
     """A channel that stays off its set point for jam_timeout_s, on whatever side, is in FAULT and not before."""
-    driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False).settings())
+    driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, vent_timeout_s=1.0, diagnose=False))
     driver.activate(Instant(0.0, 0.0))
     driver.measure(PressureSample("left", STANDARD_ATMOSPHERE_PA, 0.0), Instant(0.0, 0.0))
     driver.jam((), 40e3, "test")
@@ -200,10 +200,10 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
         time_s = count * SAMPLE_S
         sample = PressureSample("left", STANDARD_ATMOSPHERE_PA - 40e3 - miss_pa[count % len(miss_pa)], time_s)
         driver.measure(sample, Instant(time_s, time_s))
-        is_fault = driver.status.channels[0].state is ChannelState.FAULT
+        is_fault = driver.ankle.channels["left"].state is ChannelState.FAULT
         if not 99 <= count <= 102:
             assert is_fault is (count > 100)
-    assert "jam_timeout_s" in driver.status.channels[0].reason
+    assert "jam_timeout_s" in driver.ankle.channels["left"].why.text
 
 
 def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
@@ -214,9 +214,9 @@ def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
     bench.run(0.9)
     assert bench.states()[PERONEAL_RIGHT] is ChannelState.JAMMING
     bench.run(0.3)
-    right = bench.driver.status.channels[1]
+    right = bench.driver.ankle.channels[PERONEAL_RIGHT]
     assert right.state is ChannelState.FAULT
-    assert "jam_timeout_s" in right.reason
+    assert "jam_timeout_s" in right.why.text
     assert not bench.driver.command.solenoids[PERONEAL_RIGHT]
     bench.driver.jam([PERONEAL_LEFT, ACHILLES], 50e3, "test")
     bench.run(1.0)
@@ -232,7 +232,7 @@ def test_a_valve_that_does_not_vent_is_a_fault() -> None:
     bench.driver.unjam([PERONEAL_LEFT], "test")
     bench.run(0.5)
     assert bench.states()[PERONEAL_LEFT] is ChannelState.FAULT
-    assert "vent_timeout_s" in bench.driver.status.channels[0].reason
+    assert "vent_timeout_s" in bench.driver.ankle.channels[PERONEAL_LEFT].why.text
 
 
 def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
@@ -240,7 +240,7 @@ def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
     bench = Bench()
     bench.plant.inject(FakeFault.SENSOR_DEAD, MANIFOLD)
     bench.run(0.6)
-    assert bench.driver.status.manifold_vacuum_pa is None
+    assert bench.driver.ankle.manifold_vacuum_pa is None
     bench.driver.jam([ACHILLES], 40e3, "test")
     bench.run(1.0)
     assert bench.vacuum_pa(ACHILLES) == pytest.approx(40e3, abs=2000.0)
@@ -256,7 +256,7 @@ def test_duty_is_bounded_and_does_not_wind_up(
     readings: list[tuple[float, float | None, float]], set_point_pa: float
 ) -> None:
     """Whatever is measured, duty stays in 0 to 1, and falls to 0 at once when there is 10 kPa too much."""
-    regulator = PumpRegulator(DriverParameters().settings().ankle.regulator)
+    regulator = PumpRegulator(DriverParameters())
     for channel_pa, manifold_pa, elapsed_s in readings:
         assert 0.0 <= regulator.update(set_point_pa, channel_pa, manifold_pa, elapsed_s) <= 1.0
     assert regulator.update(set_point_pa, set_point_pa + 10e3, None, SAMPLE_S) == 0.0

@@ -15,7 +15,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, PressureSample, SafeCause, released
 from jammkle_driver.core.requests import RequestError, SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import DriverParameters
 from malformed import NAME, NAMES, PASCALS
 
@@ -30,7 +30,7 @@ class Requests(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.driver = Driver(CHANNELS, DriverParameters().settings())
+        self.driver = Driver(CHANNELS, DriverParameters())
         self.now = Instant(0.0, 0.0)
         self.driver.activate(self.now)
 
@@ -88,14 +88,14 @@ class Requests(RuleBasedStateMachine):
 
     @invariant()
     def nothing_unsafe_is_driven(self) -> None:
-        command, status = self.driver.command, self.driver.status
+        command = self.driver.command
         assert 0.0 <= command.pump_duty <= 1.0
         if command == released(CHANNELS):
             return
-        assert status.active
-        assert not status.stop_reason
+        assert self.driver.active
+        assert not self.driver.stop.reason
         assert not self.driver.ankle.faulty
-        assert any(channel.commanded_vacuum_pa for channel in status.channels)
+        assert self.driver.ankle.jammed
 
 
 TestRequests = Requests.TestCase

@@ -71,12 +71,11 @@ class Asked:
         graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))
 
     def _witness(self, solenoids: Mapping[str, bool], duty: float, late_s: float = 0.0) -> None:
-        status = self.driver._driver.status
-        asked = any(channel.commanded_vacuum_pa for channel in status.channels)
-        may_drive = status.active and not status.stop_reason and not self.driver._driver.ankle.faulty and asked
+        driver, ankle = self.driver._driver, self.driver._driver.ankle
+        may_drive = driver.active and not driver.stop.reason and not ankle.faulty and ankle.jammed
         off = ActuatorCommand(dict(solenoids), duty) == released(CHANNELS)
         if not 0.0 <= duty <= 1.0 or not (off or may_drive):
-            self.unsafe.append(f"{solenoids}, duty {duty} with {status}")
+            self.unsafe.append(f"{solenoids}, duty {duty} with {driver.standing}")
         self._drive(solenoids, duty, late_s)
 
     def call(self, kind: Any, path: str, **request: Any) -> Any:
@@ -193,7 +192,7 @@ class Everybody(RuleBasedStateMachine):
 
     @rule(fault=st.sampled_from(LinkFault))
     def befall_the_board(self, fault: LinkFault) -> None:
-        self.asked.board.inject(fault, NOISE_SHARE)
+        self.asked.board.inject(fault, size=NOISE_SHARE)
 
     @rule()
     def heal(self) -> None:

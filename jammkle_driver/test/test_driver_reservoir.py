@@ -6,7 +6,6 @@ import pytest
 
 from fault_bench import SAMPLE_S, WITHIN_S, FaultBench, run
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
-from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
@@ -19,7 +18,7 @@ FILLED_S = 4.0
 
 
 def bench_with(reservoir_m3: float, seed: int = 1) -> FaultBench:
-    bench = FaultBench(DriverParameters(reservoir_volume_m3=reservoir_m3).settings(), seed)
+    bench = FaultBench(DriverParameters(reservoir_volume_m3=reservoir_m3), seed)
     bench.asks = False
     return bench
 
@@ -33,7 +32,7 @@ def jam_s(bench: FaultBench, vacuum_pa: float) -> float:
     bench.driver.jam((), vacuum_pa, "test")
     for sample in range(200):
         bench.step()
-        vacuums_pa = [channel.measured_vacuum_pa or 0.0 for channel in bench.driver.status.channels]
+        vacuums_pa = [channel.vacuum_pa or 0.0 for channel in bench.driver.ankle.channels.values()]
         if min(vacuums_pa) > vacuum_pa - 3e3:
             return sample * SAMPLE_S
     pytest.fail("never jammed")
@@ -45,7 +44,7 @@ def test_it_is_evacuated_while_nothing_is_jammed_and_then_the_pump_rests() -> No
     run(bench, FILLED_S)
     assert manifold_vacuum_pa(bench) == pytest.approx(60e3, abs=1.5e3)
     assert bench.driver.command.pump_duty == 0.0
-    assert all(channel.state is ChannelState.UNJAMMED for channel in bench.driver.status.channels)
+    assert all(channel.state is ChannelState.UNJAMMED for channel in bench.driver.ankle.channels.values())
     without = bench_with(0.0)
     run(without, FILLED_S)
     assert manifold_vacuum_pa(without) < 1e3
@@ -115,7 +114,7 @@ def test_the_time_that_the_pump_takes_is_that_of_the_law() -> None:
     """In closed form as on the plant that is stepped: 100 mL and the manifold to 50 kPa, from the atmosphere."""
     parameters = DriverParameters(reservoir_volume_m3=RESERVOIR_M3)
     air = parameters.air()
-    plant = FakePlant(CHANNELS, air, STANDARD_ATMOSPHERE_PA)
+    plant = FakePlant(air, STANDARD_ATMOSPHERE_PA)
     plant.command({}, 1.0)
     expected_s = air.evacuation_s(air.shared_volume_m3, 50e3)
     plant.advance(expected_s)

@@ -13,7 +13,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.core.watchdog import Instant, Watchdog
+from jammkle_driver.core.watch import Instant, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +35,7 @@ def test_a_silent_stream_is_taken_back(make_rig: Callable[..., Any]) -> None:
     rig.wait(0.2)
     rig.driver.tick(rig.now)
     assert rig.wanted_pa("left") == 0.0
-    assert "command_timeout_s" in rig.channel("left").reason
+    assert "command_timeout_s" in rig.channel("left").why.text
     assert rig.wanted_pa("right") == 50e3
 
 
@@ -61,7 +61,7 @@ def test_a_sensor_that_fails_faults_its_channel_alone(make_rig: Callable[..., An
         rig.driver.tick(rig.now)
     left = rig.channel("left")
     assert left.state is ChannelState.FAULT
-    assert "pressure_timeout_s" in left.reason
+    assert "pressure_timeout_s" in left.why.text
     assert rig.driver.command.solenoids == {"left": False, "right": True, "achilles": True}
     with pytest.raises(RequestError, match="clear_fault"):
         rig.driver.jam([], 0.0, "t")
@@ -108,10 +108,10 @@ def test_a_silent_emergency_stop_stops_where_so_configured(make_rig: Callable[..
         rig = make_rig(emergency_stop_timeout_s=timeout_s).active()
         rig.wait(0.9)
         rig.driver.tick(rig.now)
-        assert not rig.driver.status.stop_reason
+        assert not rig.driver.stop.reason
         rig.wait(0.2)
         rig.driver.tick(rig.now)
-        assert bool(rig.driver.status.stop_reason) is stops
+        assert bool(rig.driver.stop.reason) is stops
 
 
 def test_time_that_runs_backwards_is_survived(make_rig: Callable[..., Any]) -> None:
@@ -150,5 +150,5 @@ def test_what_others_do_to_the_air_is_no_fault_of_an_inactive_driver(make_rig: C
             rig.measure(manifold_pa, MANIFOLD)
             rig.measure(0.0, *CHANNELS)
             rig.driver.tick(rig.now)
-        assert {channel.fault for channel in rig.driver.status.channels} == {Reason.NONE}
+        assert {channel.why.reason for channel in rig.driver.ankle.channels.values()} == {Reason.NONE}
         rig.active()

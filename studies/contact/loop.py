@@ -23,7 +23,7 @@ from jammkle_controller.core.slip import BodyTwist
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample
 from jammkle_driver.core.requests import SetPoint
-from jammkle_driver.core.watchdog import Instant
+from jammkle_driver.core.watch import Instant
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from jammkle_sim.parameters import RobotParameters
 
@@ -44,7 +44,7 @@ ROBOT_TICK_RATE_HZ = RobotParameters().clock_rate_hz
 """Ticks of /clock per second in the graph of a robot; in that of a rig there is one for each sample."""
 
 
-_CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process", simulated=True)
+_CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process")
 
 
 class _Regular:
@@ -87,7 +87,7 @@ class AnkleLoop:
         self.controller = AnkleController(controller, leg=leg)
         self._parameters, self._leg = controller, leg
         self._body = body if controller.use_odometry else None
-        self.driver = Driver(CHANNELS, (driver or DriverParameters()).settings())
+        self.driver = Driver(CHANNELS, driver or DriverParameters())
         self.events: list[ContactEvent] = []
         self.commands: list[tuple[int, dict[str, float]]] = []
         """Every jam_command: its stamp, ns, and the vacuum by channel, Pa."""
@@ -194,8 +194,8 @@ class AnkleLoop:
             self._say()
 
     def _say(self) -> None:
-        status = self.driver.status
-        self._said = Stored(max(status.manifold_vacuum_pa or 0.0, 0.0), status.reservoir_volume_m3)
+        stored_pa = self.driver.ankle.manifold_vacuum_pa
+        self._said = Stored(max(stored_pa or 0.0, 0.0), self.driver.parameters.reservoir_volume_m3)
 
     def _acknowledge(self, time_ns: int) -> None:
         """Let the simulated board say what it does."""

@@ -14,7 +14,7 @@ from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import LinkState, ResetCause, released
 from jammkle_driver.core.requests import RequestError
-from jammkle_driver.fake import WATCHDOG_S
+from jammkle_driver.fake import WATCHDOG_S, LinkFault
 from jammkle_driver.parameters import TICK_PERIOD_S, DriverParameters
 from studies.faults.trial import drawn_fault
 
@@ -57,7 +57,7 @@ class SoakResult:
 
 def soak(duration_s: float, seed: int) -> SoakResult:
     """Jam and vent while something fails every few seconds, is reported or not, and is repaired."""
-    bench = FaultBench(DriverParameters().settings(), seed)
+    bench = FaultBench(DriverParameters(), seed)
     draw, missed = bench.draw, []
     faults = reported = 0
     base_kib = None
@@ -124,7 +124,7 @@ def _break_something(bench: FaultBench, watch: _Watch) -> None:
 
 
 def _unplug(bench: FaultBench, watch: _Watch) -> None:
-    bench.board.unplug()
+    bench.board.inject(LinkFault.UNPLUGGED)
     watch.must_be_off(_WATCHDOG_BOUND_S, "the board is unplugged")
 
 
@@ -134,7 +134,7 @@ def _reboot(bench: FaultBench, watch: _Watch) -> None:
 
 
 def _brown_out(bench: FaultBench, watch: _Watch) -> None:
-    bench.board.sag()
+    bench.board.inject(LinkFault.BROWN_OUT)
     _expect_latched(bench, watch, "the supply has sagged")
 
 
@@ -180,7 +180,7 @@ def _recover(bench: FaultBench) -> list[str]:
         bench.step()
         if all(channel.state is ChannelState.JAMMED for channel in bench.driver.ankle.channels.values()):
             return []
-    return [f"{bench.plant.time_s:.2f} s: not jammed after the repair: {bench.driver.status.trouble.text}"]
+    return [f"{bench.plant.time_s:.2f} s: not jammed after the repair: {bench.driver.trouble.why.text}"]
 
 
 def _pass(bench: FaultBench, duration_s: float) -> None:

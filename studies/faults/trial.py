@@ -12,7 +12,7 @@ from fault_bench import ELSEWHERE, PLACED, SAMPLE_S, FaultBench, alarms, fake_pl
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.fake import FakeFault
+from jammkle_driver.fake import FakeFault, LinkFault
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def inject(
     seed: int, reason: Reason, build: PlantBuilder = fake_plant, parameters: DriverParameters | None = None
 ) -> Outcome:
     """Let one thing fail in one ankle, and read what the driver, with its own defaults or these parameters, says."""
-    bench = FaultBench((parameters or DriverParameters()).settings(), seed, build)
+    bench = FaultBench(parameters or DriverParameters(), seed, build)
     draw = bench.draw
     bench.streams = reason in {Reason.COMMANDS_STALE, Reason.EXECUTOR_OVERLOADED}
     place = _place(reason, draw)
@@ -181,11 +181,11 @@ def _ripe(bench: FaultBench, reason: Reason) -> bool:
 
 def _begin(bench: FaultBench, reason: Reason) -> None:
     if reason is Reason.BOARD_UNPLUGGED:
-        bench.board.unplug()
+        bench.board.inject(LinkFault.UNPLUGGED)
     elif reason is Reason.BOARD_REBOOTED:
         bench.board.reboot()
     elif reason is Reason.BROWN_OUT:
-        bench.board.sag()
+        bench.board.inject(LinkFault.BROWN_OUT)
     elif reason is Reason.LINE_NOISE:
         bench.noisy = True
     elif reason is Reason.COMMANDS_STALE:

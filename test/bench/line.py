@@ -28,8 +28,7 @@ from graph import environment
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_driver.board.line import silence_s
-from jammkle_driver.board.wiring import load_wiring
-from jammkle_driver.core.registers import register_list
+from jammkle_driver.board.wiring import load_wiring, register_list
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_sim.board_bench import BoardBench
 from landing_imu import IMPACT_M_S2

@@ -51,23 +51,13 @@ class Probe:
     ) -> None:
         """Make a probe on a board that was opened.
 
-        Args:
-            talk: How to talk to the board.
-            wiring: How the board is wired.
-            pace: Factor on every duration.
-            stops: Whether somebody wants an end; asked before every exchange.
-
+        `pace` is a factor on every duration; `stops` says whether somebody wants an end, before every exchange.
         """
         self._pace = pace
         self._stops = stops
         self._talk = talk
         self._wiring = wiring
         self._rest_pa: dict[str, float] = {}
-
-    @property
-    def places(self) -> tuple[str, ...]:
-        """Names of all sensors."""
-        return tuple(self._wiring.sensors)
 
     async def exchanges(
         self, wanted: ActuatorCommand, duration_s: float, until: Callable[[Exchange], bool] | None = None
@@ -124,7 +114,7 @@ class Probe:
         came = await self.exchanges(RELEASED, duration_s)
         settled = came[len(came) // 3 :]
         found = {}
-        for place in self.places:
+        for place in self._wiring.sensors:
             readings = [exchange.sensors_pa[place] for _, exchange in settled]
             broken = not all(map(math.isfinite, readings))
             found[place] = (math.nan, math.nan) if broken else (statistics.fmean(readings), statistics.pstdev(readings))
@@ -142,11 +132,9 @@ class Probe:
         return [self._moment(at_s, exchange) for at_s, exchange in await self.exchanges(wanted, duration_s, holds)]
 
     def _moment(self, at_s: float, exchange: Exchange) -> Moment:
-        return Moment(at_s, {place: self._vacuum_pa(place, exchange.sensors_pa[place]) for place in self.places})
-
-    def _vacuum_pa(self, place: str, measured_pa: float) -> float:
-        less = measured_pa - self._rest_pa[place]
-        return less if self._wiring.sensors[place].vacuum else -less
+        more_pa = {place: pa - self._rest_pa[place] for place, pa in exchange.sensors_pa.items()}
+        sensors = self._wiring.sensors
+        return Moment(at_s, {place: pa if sensors[place].vacuum else -pa for place, pa in more_pa.items()})
 
 
 def rate_pa_s(moments: Sequence[Moment], place: str) -> float:
@@ -156,9 +144,6 @@ def rate_pa_s(moments: Sequence[Moment], place: str) -> float:
     times = [moment.at_s for moment in moments]
     return statistics.linear_regression(times, [moment.vacuum_pa[place] for moment in moments]).slope
 
-
-PUMP = "pump"
-"""Name of the pump's row: what follows needs it."""
 
 _LOWEST_AMBIENT_PA, _HIGHEST_AMBIENT_PA = 60e3, 110e3
 """Pressure of the atmosphere from 4,000 m up to the deepest valley in the highest weather (ISO 2533)."""
@@ -193,6 +178,11 @@ class CheckRow:
     passed: bool
     measured: str
     to_do: str = ""
+
+
+def row_of(what: str, measured: str, to_do: str = "") -> CheckRow:
+    """Return a row that has passed where nothing is to be done."""
+    return CheckRow(what, not to_do, measured, to_do)
 
 
 async def check(probe: Probe, wiring: Wiring) -> AsyncIterator[CheckRow]:
@@ -259,7 +249,7 @@ async def _line_row(probe: Probe, channel: str, falls_s: Mapping[str, float]) ->
         tries_s.append(_fall_s(await _close(probe, channel), channel))
     measured = f"vents in {min(tries_s):.3f} s per tendon, the fastest other in {usual_s:.3f} s"
     to_do = "slow: look for a pinched or kinked hose, or a clogged filter" if slow else ""
-    return CheckRow(f"line {channel}", passed=not slow, measured=measured, to_do=to_do)
+    return row_of(f"line {channel}", measured, to_do)
 
 
 def _fall_s(moments: Sequence[Moment], channel: str) -> float:
@@ -279,37 +269,34 @@ def _crossed_s(moments: Sequence[Moment], channel: str, level_pa: float) -> floa
 
 
 def _sensor_row(place: str, wiring: Wiring, mean_pa: float, noise_pa: float) -> CheckRow:
-    measured = f"{mean_pa / 1e3:.1f} kPa, noise {noise_pa:.0f} Pa"
-    what = f"sensor {place} at rest"
-    if not math.isfinite(mean_pa):
-        return CheckRow(what, passed=False, measured="out of its limits", to_do="broken wire or no supply: look there")
+    what, measured, to_do = f"sensor {place} at rest", f"{mean_pa / 1e3:.1f} kPa, noise {noise_pa:.0f} Pa", ""
     low, high = (-_SPREAD_PA, _SPREAD_PA) if wiring.sensors[place].vacuum else (_LOWEST_AMBIENT_PA, _HIGHEST_AMBIENT_PA)
-    if not low <= mean_pa <= high:
+    if not math.isfinite(mean_pa):
+        measured, to_do = "out of its limits", "broken wire or no supply: look there"
+    elif not low <= mean_pa <= high:
         to_do = f"expected {low / 1e3:.0f} to {high / 1e3:.0f} kPa: wire, supply of the sensor, scale in the board file"
-        return CheckRow(what, passed=False, measured=measured, to_do=to_do)
-    if noise_pa > _NOISE_PA:
-        return CheckRow(what, passed=False, measured=measured, to_do="loose wire, or ground shared with the pump")
-    return CheckRow(what, passed=True, measured=measured)
+    elif noise_pa > _NOISE_PA:
+        to_do = "loose wire, or ground shared with the pump"
+    return row_of(what, measured, to_do)
 
 
 def _spread_row(wiring: Wiring, means_pa: dict[str, float]) -> CheckRow:
     same = {place: pa for place, pa in means_pa.items() if not wiring.sensors[place].vacuum}
     spread_pa = max(same.values()) - min(same.values()) if same else 0.0
     to_do = "" if spread_pa <= _SPREAD_PA else "calibrate; if that does not help, one sensor is broken"
-    return CheckRow("sensors agree", passed=not to_do, measured=f"within {spread_pa / 1e3:.1f} kPa", to_do=to_do)
+    return row_of("sensors agree", f"within {spread_pa / 1e3:.1f} kPa", to_do)
 
 
 def _pump_row(moments: Sequence[Moment], place: str) -> CheckRow:
     reached_pa = moments[-1].vacuum_pa[place]
     took_s = moments[-1].at_s - moments[0].at_s
-    measured = f"{reached_pa / 1e3:.1f} kPa in {took_s:.1f} s"
     if reached_pa >= HELD_VACUUM_PA:
-        return CheckRow(PUMP, passed=True, measured=measured)
-    if reached_pa < _VENTED_PA:
+        to_do = ""
+    elif reached_pa < _VENTED_PA:
         to_do = "does it run? supply, MOSFET, pin; if it runs: hose, or in and out exchanged; a valve stuck open vents"
     else:
         to_do = f"below {HELD_VACUUM_PA / 1e3:.0f} kPa after {_PUMP_S:.0f} s: leak at the manifold, or worn membrane"
-    return CheckRow(PUMP, passed=False, measured=measured, to_do=to_do)
+    return row_of("pump", f"{reached_pa / 1e3:.1f} kPa in {took_s:.1f} s", to_do)
 
 
 def _leak_row(place: str, moments: Sequence[Moment], drawn_pa_s: float) -> CheckRow:
@@ -317,23 +304,22 @@ def _leak_row(place: str, moments: Sequence[Moment], drawn_pa_s: float) -> Check
     share = lost_pa_s / drawn_pa_s
     to_do = "" if share <= _LEAK_SHARE else "find it with soapy water: hose ends, membrane, valve seat"
     measured = f"{lost_pa_s:.0f} Pa/s, {100.0 * share:.1f} % of what the pump draws"
-    return CheckRow(f"leak of {place}", passed=not to_do, measured=measured, to_do=to_do)
+    return row_of(f"leak of {place}", measured, to_do)
 
 
 def _open_row(moment: Moment, channel: str, place: str, others: Sequence[str]) -> CheckRow:
     vacuum_pa = moment.vacuum_pa[channel]
     measured = f"{vacuum_pa / 1e3:.1f} kPa, {place} {moment.vacuum_pa[place] / 1e3:.1f} kPa"
-    what = f"valve {channel} connects"
-    if vacuum_pa >= _OPEN_SHARE * moment.vacuum_pa[place] and vacuum_pa > _VENTED_PA and not others:
-        return CheckRow(what, passed=True, measured=measured)
     if others:
         also = "also" if vacuum_pa > _VENTED_PA else "instead"
         to_do = f"{', '.join(others)} {also} gets vacuum: exchanged wires, hoses or sensors; or its valve is stuck open"
+    elif vacuum_pa >= _OPEN_SHARE * moment.vacuum_pa[place] and vacuum_pa > _VENTED_PA:
+        to_do = ""
     elif vacuum_pa > _VENTED_PA:
         to_do = "slow: blocked or kinked line, or a big leak in the tendon"
     else:
         to_do = "does it click? supply, MOSFET, pin; if it clicks: blocked line, or stuck closed"
-    return CheckRow(what, passed=False, measured=measured, to_do=to_do)
+    return row_of(f"valve {channel} connects", measured, to_do)
 
 
 def _vent_row(moments: Sequence[Moment], channel: str) -> CheckRow:
@@ -345,7 +331,7 @@ def _vent_row(moments: Sequence[Moment], channel: str) -> CheckRow:
     elif left_pa >= _VENTED_PA:
         to_do = "slow: blocked or kinked line, or a clogged vent"
     measured = f"{left_pa / 1e3:.1f} kPa after {took_s:.2f} s"
-    return CheckRow(f"valve {channel} vents", passed=not to_do, measured=measured, to_do=to_do)
+    return row_of(f"valve {channel} vents", measured, to_do)
 
 
 def _drawn_pa_s(moments: Sequence[Moment], place: str) -> float:

@@ -10,7 +10,7 @@ import statistics
 import sys
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import typer
 import yaml
@@ -18,12 +18,11 @@ import yaml
 from jammkle_common.command.errors import Interrupted
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.names import CHANNELS
-from jammkle_driver.board.check import PERIOD_S, RELEASED, CheckRow, Probe, check, command
+from jammkle_driver.board.check import PERIOD_S, RELEASED, CheckRow, Probe, check, command, row_of
 from jammkle_driver.board.line import Line, LineError, RefusedError
 from jammkle_driver.board.protocol import make_protocol
-from jammkle_driver.board.wiring import Firmware, standard_board_file
+from jammkle_driver.board.wiring import SENSORS, Firmware, register_list, standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD, BoardFault
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -69,7 +68,7 @@ class Prompt:
         return _ANSWERS[answer]
 
     async def number(self, question: str, least: float, most: float) -> float | None:
-        """Ask until a number that can be right, or nothing, is typed.
+        """Ask until a number that can be right, or nothing (None), is typed. Takes its time, and never blocks.
 
         Raises:
             Interrupted: nobody is there to answer.
@@ -121,39 +120,17 @@ _EVACUATION_S = 10.0
 _REPLY_TIMEOUT_S = 0.08
 """Commissioning has time: a computer that is busy so long has lost nothing, and the board's watchdog still waits."""
 _TRIES = 10
-
-
-class Person(Protocol):
-    """Whoever stands beside the board."""
-
-    def reported(self, row: CheckRow) -> None:
-        """Be shown a row as soon as it is known."""
-
-    async def number(self, question: str, least: float, most: float) -> float | None:
-        """Answer with a number between these; None: not known. Takes its time, and never blocks."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a person is asked: in words, and the numbers between which an answer can be right."""
-
-    text: str
-    least: float
-    most: float
+_CALIBRATION = "calibration"
+_NOT_CALIBRATED = "run this again with barometer and gauge"
+_LOW_SUPPLY = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`"
 
 
 @dataclass(frozen=True)
 class CommissioningOptions:
-    """What is walked.
+    """What is walked, at the board at `port`.
 
-    Attributes:
-        port: Where the board is.
-        wiring: How it is wired.
-        board_file: The file that says so; None: the shipped one.
-        output: Where a new board file goes; None: beside the old one.
-        calibrates: Whether the sensors are calibrated.
-        pace: Factor on how long is waited for pump, valves and leaks.
-
+    `board_file` says how it is wired (None: the shipped one), a new one goes to `output` (None: beside the old one),
+    and `pace` is a factor on how long is waited for pump, valves and leaks.
     """
 
     port: str
@@ -165,19 +142,15 @@ class CommissioningOptions:
 
 
 async def commission(
-    options: CommissioningOptions, person: Person, stops: Callable[[], bool] = lambda: False
+    options: CommissioningOptions, person: Prompt, stops: Callable[[], bool] = lambda: False
 ) -> list[CheckRow]:
-    """Check pump, valves, sensors and leaks; whatever happens, the outputs are released at the end.
+    """Check pump, valves, sensors and leaks, and return every row; `stops` says whether somebody wants an end.
 
-    Args:
-        options: What is walked.
-        person: Who reads and answers.
-        stops: Whether somebody wants an end: the outputs are then released, too.
+    Whatever happens, the outputs are released at the end.
 
     Raises:
         LineError: the board is not there, or has gone.
-        Interrupted: somebody wanted an end; the outputs are released.
-
+        Interrupted: somebody wanted an end.
     """
     patient = replace(options.wiring, reply_timeout_s=max(options.wiring.reply_timeout_s, _REPLY_TIMEOUT_S))
     line = Line(options.port, patient, tries=_TRIES)
@@ -197,7 +170,7 @@ async def commission(
             async for row in check(probe, options.wiring):
                 tell(row)
             if options.calibrates:  # also where the pump has failed: a bad calibration looks just like that
-                tell(await _calibrate(options, line, probe, person))
+                tell(await _Calibration(options, line, probe, person).row())
         finally:
             await _release(talk, options.wiring)
     except RefusedError as error:
@@ -209,12 +182,6 @@ async def commission(
 
 
 async def _release(talk: BoardProtocol, wiring: Wiring) -> None:
-    """Release every output.
-
-    Raises:
-        LineError: the board did not take it.
-
-    """
     try:
         await talk.exchange(RELEASED)
     except LineError as error:
@@ -225,13 +192,7 @@ async def _release(talk: BoardProtocol, wiring: Wiring) -> None:
 
 
 async def _patiently(talk: BoardProtocol, stops: Callable[[], bool]) -> str:
-    """Open a board that may just have been reset by the opening of its port.
-
-    Raises:
-        LineError: still no answer after its bootloader must be through.
-        Interrupted: somebody wants an end.
-
-    """
+    """Open a board that may just have been reset by the opening of its port, until its bootloader must be through."""
     end_s = time.monotonic() + _BOOT_S
     while True:
         if stops():
@@ -246,65 +207,92 @@ async def _patiently(talk: BoardProtocol, stops: Callable[[], bool]) -> str:
 
 async def _link_row(probe: Probe, said: str) -> CheckRow:
     came = await probe.exchanges(RELEASED, _AVERAGED_S)
-    if not came:
-        msg = "no reply"
-        raise LineError(msg)
     states = [exchange.state for _, exchange in came if exchange.state is not None]
     supply = f", supply {states[-1].supply_v:.1f} V" if states else ""
     low = bool(states) and BoardFault.SUPPLY_LOW in states[-1].faults  # by the board's own `supply_minimum`
-    to_do = "supply of pump and valves: is it on? divider at its pin, `supply_minimum`" if low else ""
-    return CheckRow("board", passed=not low, measured=f"{said}{supply}", to_do=to_do)
+    return row_of("board", f"{said}{supply}", _LOW_SUPPLY if low else "")
 
 
-async def _calibrate(options: CommissioningOptions, line: Line, probe: Probe, person: Person) -> CheckRow:
-    what = "calibration"
-    await probe.vent()
-    air_kpa = [pa / 1e3 for pa in AIR_PA]
-    barometer = Question("Pressure of the air now, kPa, absolute, as a barometer reads it", *air_kpa)
-    ambient_kpa, first = await _asked(options, line, probe, person, RELEASED, barometer)
-    if ambient_kpa is None:
-        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
-    place = MANIFOLD if MANIFOLD in options.wiring.sensors else CHANNELS[0]
-    await probe.drive(command(CHANNELS, 1.0), _EVACUATION_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
-    held = command(CHANNELS, 0.0)
-    await probe.exchanges(held, _AVERAGED_S)
-    gauge = Question("Vacuum that a gauge at the manifold reads now, kPa below ambient", -ambient_kpa, ambient_kpa)
-    gauge_kpa, second = await _asked(options, line, probe, person, held, gauge)
-    await probe.exchanges(RELEASED, _AVERAGED_S)
-    if gauge_kpa is None:
-        return CheckRow(what, passed=True, measured="left as it is", to_do="run this again with barometer and gauge")
-    ambient_pa = 1e3 * ambient_kpa
-    try:
-        lines = sensor_lines(first, ambient_pa, second, ambient_pa - 1e3 * abs(gauge_kpa))
-    except CalibrationError as error:
-        return CheckRow(what, passed=False, measured="not written", to_do=str(error))
-    if options.wiring.firmware is Firmware.JAMMKLE:
-        await store(line, options.wiring, lines)
-        where = "stored on the board"
-    else:
-        target = options.output or (options.board_file or standard_board_file()).with_suffix(".calibrated.yaml")
-        write_board_file(options.board_file or standard_board_file(), target, lines)
-        where = f"written to {target}"
-    return CheckRow(what, passed=True, measured=f"two points, {where}")
+class _Calibration:
+    """Asks for the air's pressure and for a vacuum, and keeps each sensor's line through both."""
 
+    def __init__(self, options: CommissioningOptions, line: Line, probe: Probe, person: Prompt) -> None:
+        self._wiring = options.wiring
+        self._source = options.board_file or standard_board_file()
+        self._target = options.output or self._source.with_suffix(".calibrated.yaml")
+        self._line = line
+        self._probe = probe
+        self._person = person
+        self._own = options.wiring.firmware is Firmware.JAMMKLE
 
-async def _asked(
-    options: CommissioningOptions, line: Line, probe: Probe, person: Person, held: ActuatorCommand, question: Question
-) -> tuple[float | None, Mapping[str, float]]:
-    """Ask for a number while a command is kept; return it with the sensors' numbers from just before the answer."""
-    answer = asyncio.ensure_future(person.number(question.text, question.least, question.most))
-    numbers: list[Mapping[str, int]] = []
-    kept = int(_AVERAGED_S / PERIOD_S)
-    try:
-        while not answer.done() or len(numbers) < kept:
-            exchange = await probe.exchange(held)
-            raw = options.wiring.firmware is Firmware.JAMMKLE
-            numbers.append(await raw_numbers(line, options.wiring) if raw else exchange.numbers)
-            del numbers[:-kept]
-            await asyncio.sleep(PERIOD_S)
-    finally:
-        answer.cancel()
-    return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}
+    async def row(self) -> CheckRow:
+        probe, (low_kpa, high_kpa) = self._probe, (pa / 1e3 for pa in AIR_PA)
+        await probe.vent()
+        barometer = "Pressure of the air now, kPa, absolute, as a barometer reads it"
+        ambient_kpa, first = await self._asked(RELEASED, barometer, low_kpa, high_kpa)
+        if ambient_kpa is None:
+            return self._left
+        place = MANIFOLD if MANIFOLD in self._wiring.sensors else CHANNELS[0]
+        await probe.drive(command(CHANNELS, 1.0), _EVACUATION_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
+        held = command(CHANNELS, 0.0)
+        await probe.exchanges(held, _AVERAGED_S)
+        gauge = "Vacuum that a gauge at the manifold reads now, kPa below ambient"
+        gauge_kpa, second = await self._asked(held, gauge, -ambient_kpa, ambient_kpa)
+        await probe.exchanges(RELEASED, _AVERAGED_S)
+        if gauge_kpa is None:
+            return self._left
+        ambient_pa = 1e3 * ambient_kpa
+        try:
+            lines = sensor_lines(first, ambient_pa, second, ambient_pa - 1e3 * abs(gauge_kpa))
+        except CalibrationError as error:
+            return row_of(_CALIBRATION, "not written", str(error))
+        if self._own:
+            await self._store(lines)
+            return row_of(_CALIBRATION, "two points, stored on the board")
+        write_board_file(self._source, self._target, lines)
+        return row_of(_CALIBRATION, f"two points, written to {self._target}")
+
+    @property
+    def _left(self) -> CheckRow:
+        return CheckRow(_CALIBRATION, passed=True, measured="left as it is", to_do=_NOT_CALIBRATED)
+
+    async def _asked(
+        self, held: ActuatorCommand, question: str, least: float, most: float
+    ) -> tuple[float | None, Mapping[str, float]]:
+        """Ask for a number while a command is kept; return it with the sensors' numbers from just before the answer."""
+        answer = asyncio.ensure_future(self._person.number(question, least, most))
+        numbers: list[Mapping[str, int]] = []
+        kept = int(_AVERAGED_S / PERIOD_S)
+        try:
+            while not answer.done() or len(numbers) < kept:
+                exchange = await self._probe.exchange(held)
+                numbers.append(await self._raw_numbers() if self._own else exchange.numbers)
+                del numbers[:-kept]
+                await asyncio.sleep(PERIOD_S)
+        finally:
+            answer.cancel()
+        return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}
+
+    async def _raw_numbers(self) -> dict[str, int]:
+        """Return what the converter of the project's firmware reads for each sensor, before any calibration."""
+        registers = register_list()
+        numbers = await self._line.read("input", registers.input("raw_1").address, SENSORS)
+        return {place: numbers[self._index(place)] for place in self._wiring.sensors}
+
+    async def _store(self, lines: Mapping[str, SensorLine]) -> None:
+        """Write the points to a board with the project's firmware, which keeps them over a reset."""
+        registers = register_list()
+        for place, found in lines.items():
+            sensor = self._index(place) + 1
+            first = registers.holding(f"sensor_{sensor}_raw_low")
+            pressure = registers.holding(f"sensor_{sensor}_pressure_low")
+            points = [first.steps(found.low[0]), pressure.steps(found.low[1])]
+            points += [first.steps(found.high[0]), pressure.steps(found.high[1])]
+            await self._line.write(first.address, points)
+        await self._line.write_register(registers.holding("store").address, 1)
+
+    def _index(self, place: str) -> int:
+        return self._wiring.sensors[place].register - register_list().input("pressure_1").address
 
 
 LEAST_VACUUM_PA = 20e3
@@ -322,13 +310,7 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class SensorLine:
-    """A sensor's straight line through two points.
-
-    Attributes:
-        low: Smaller number of its register, and the pressure there, Pa.
-        high: Larger number, and the pressure there, Pa.
-
-    """
+    """A sensor's straight line through two points, each a number of its register and the pressure there, Pa."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -373,27 +355,6 @@ def sensor_lines(
         low, high = sorted(((number, first_pa), (second[place], second_pa)))
         lines[place] = SensorLine(low, high)
     return lines
-
-
-async def raw_numbers(line: Line, wiring: Wiring) -> dict[str, int]:
-    """Return what the converter of the project's firmware reads for each sensor, before any calibration."""
-    registers = register_list()
-    first = registers.input("pressure_1").address
-    numbers = await line.read("input", registers.input("raw_1").address, len(registers.tables["coils"]) + 1)
-    return {place: numbers[sensor.register - first] for place, sensor in wiring.sensors.items()}
-
-
-async def store(line: Line, wiring: Wiring, lines: Mapping[str, SensorLine]) -> None:
-    """Write the points to a board with the project's firmware, which keeps them over a reset."""
-    registers = register_list()
-    for place, found in lines.items():
-        sensor = wiring.sensors[place].register - registers.input("pressure_1").address + 1
-        first = registers.holding(f"sensor_{sensor}_raw_low")
-        pressure = registers.holding(f"sensor_{sensor}_pressure_low")
-        points = [first.steps(found.low[0]), pressure.steps(found.low[1])]
-        points += [first.steps(found.high[0]), pressure.steps(found.high[1])]
-        await line.write(first.address, points)
-    await line.write_register(registers.holding("store").address, 1)
 
 
 def write_board_file(source: Path, target: Path, lines: Mapping[str, SensorLine]) -> None:

@@ -43,9 +43,7 @@ _LATE_S = 0.01
 class LineError(Exception):
     """The board did not answer, or not in a way that can be read. One line.
 
-    Attributes:
-        host_was_late: Whether this end has stood still meanwhile, so that a reply may have come in time.
-
+    `host_was_late` says that this end has stood still meanwhile, so that a reply may have come in time.
     """
 
     def __init__(self, why: str, *, host_was_late: bool = False) -> None:
@@ -55,12 +53,7 @@ class LineError(Exception):
 
 
 class RefusedError(Exception):
-    """The board answered with an exception: it has understood, and does not do it.
-
-    Attributes:
-        code: The exception code of the standard.
-
-    """
+    """The board answered with an exception, of this code of the standard: it has understood, and does not do it."""
 
     def __init__(self, what: str, code: int) -> None:
         """Say what was refused, and with which code."""
@@ -105,14 +98,10 @@ class Line:
     """One client on one line. Not to be used from two tasks at once."""
 
     def __init__(self, port: str, wiring: Wiring, tries: int = 1) -> None:
-        """Make a line that is not open.
+        """Make a line that is not open, to a serial device or tcp://HOST[:PORT].
 
-        Args:
-            port: Path of a serial device, or tcp://HOST[:PORT].
-            wiring: Baud rate, unit and timeout.
-            tries: How often a request is sent until it counts as lost. Who controls a pump says it anew in the next
-                cycle instead, with what is true then.
-
+        A request is sent `tries` times until it counts as lost. Who controls a pump says it anew in the next cycle
+        instead, with what is true then.
         """
         # Errors are counted here and reported by the driver; pymodbus would log them a hundred times a second.
         logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
@@ -230,15 +219,10 @@ class Line:
     async def _ask(
         self, what: str, code: int, call: partial[Any], reads: int = 0, **echo: int | list[int]
     ) -> Sequence[int]:
-        """Send a request until it is answered, and return the registers of the reply.
+        """Send a request until it is answered, and return the registers of the reply, `reads` in number.
 
-        Args:
-            what: What is asked for, for people.
-            code: Its function.
-            call: What sends it.
-            reads: How many registers come back.
-            echo: What else the reply must say again, as pymodbus names it.
-
+        `what` is said to people; the reply must have the function `code`, and say again what `echo` holds by pymodbus'
+        names.
         """
         for _ in range(self._tries - 1):
             with contextlib.suppress(LineError):

@@ -43,14 +43,9 @@ class BoardLink:
     """Talks to one board from a thread of its own."""
 
     def __init__(self, port: str, wiring: Wiring, safe_state: str, on_exchange: Callable[[Exchange], None]) -> None:
-        """Start to look for the board.
+        """Start to look for the board, whose `safe_state` is to be `vent` or `hold`.
 
-        Args:
-            port: Path of a serial device, or tcp://HOST[:PORT].
-            wiring: How the board is wired.
-            safe_state: `vent` or `hold`.
-            on_exchange: Called from the link's own thread after every good cycle; must not block.
-
+        `on_exchange` is called from the link's own thread after every good cycle; it must not block.
         """
         self._line = Line(port, wiring)
         self._protocol: BoardProtocol = make_protocol(self._line, wiring, safe_state)

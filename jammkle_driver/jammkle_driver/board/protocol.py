@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from jammkle_driver.board.line import LineError, RefusedError
-from jammkle_driver.board.wiring import Firmware
+from jammkle_driver.board.wiring import Firmware, register_list
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, ResetCause, SafeCause, released
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from jammkle_driver.board.line import Line
     from jammkle_driver.board.wiring import Wiring
 
 
-HOLD = "hold"
 _NEAR = 16
 """Registers that lie so close together are read in one request: a request costs more than these."""
 
@@ -27,28 +27,13 @@ _STATE_EVERY = 10
 _HAS_REGISTER = frozenset({3, 4})
 """Exceptions of a board that has the register and does not take the number now: illegal value, device failure."""
 
-_LATCHED = {"host_silent": SafeCause.HOST_SILENT, "supply_low": SafeCause.SUPPLY_LOW, "reset": SafeCause.RESET}
-_FAULTS = {"supply_low": BoardFault.SUPPLY_LOW, "calibration_lost": BoardFault.CALIBRATION_LOST}
-_RESET_CAUSES = {
-    "power_on": ResetCause.POWER_ON,  # a rising supply sets the bit of the brown-out too, so the first one counts
-    "brown_out": ResetCause.BROWN_OUT,
-    "watchdog": ResetCause.WATCHDOG,
-    "external": ResetCause.EXTERNAL,
-}
+_RESET_CAUSES = ("power_on", "brown_out", "watchdog", "external")
+"""First what counts: a rising supply sets the bit of the brown-out, too."""
 
 
 @dataclass(frozen=True)
 class BoardState:
-    """What the board says of itself.
-
-    Attributes:
-        faults: What it finds wrong now.
-        reset_cause: What has last reset it.
-        uptime_s: Time since it has started, s.
-        supply_v: Voltage of the supply, V.
-        crc_errors: Frames that it threw away since it started.
-
-    """
+    """What the board says of itself: `crc_errors` are the frames that it threw away since it started."""
 
     faults: frozenset[BoardFault]
     reset_cause: ResetCause
@@ -69,7 +54,6 @@ class Exchange:
         state: What the board says of itself; None where it was not asked in this cycle, or has no such register.
         sent_s: When the cycle began, s of the steady clock; what the board read and did was after that,
         received_s: and before this, when the last reply was in.
-
     """
 
     sensors_pa: Mapping[str, float]
@@ -91,18 +75,28 @@ class Exchange:
         return 0.5 * (self.sent_s + self.received_s)
 
 
-class BoardProtocol(Protocol):
+class BoardProtocol(ABC):
     """How to talk to one kind of board. Every method may raise LineError."""
 
+    def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
+        """Talk over a line; `safe_state` is `vent` or `hold`."""
+        self._line = line
+        self._wiring = wiring
+        self._holds = safe_state == "hold"
+
+    @abstractmethod
     async def open(self) -> str:
         """Prepare a board that has just been connected; return one line that says what it is."""
 
+    @abstractmethod
     async def exchange(self, command: ActuatorCommand | None) -> Exchange:
         """Write the outputs (None: leave them, and give no sign of life) and read all sensors."""
 
+    @abstractmethod
     async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:
         """Exchange where nobody has repeated the last command (None: there never was one) for a while."""
 
+    @abstractmethod
     async def acknowledge(self) -> None:
         """Let a board that has latched its safe state take jams again.
 
@@ -114,12 +108,11 @@ class BoardProtocol(Protocol):
 
 def make_protocol(line: Line, wiring: Wiring, safe_state: str) -> BoardProtocol:
     """Return what talks to the board that the wiring names; `safe_state` is `vent` or `hold`."""
-    if wiring.firmware is Firmware.JAMMKLE:
-        return JammkleProtocol(line, wiring, safe_state)
-    return ModbusProtocol(line, wiring, safe_state)
+    kind = JammkleProtocol if wiring.firmware is Firmware.JAMMKLE else ModbusProtocol
+    return kind(line, wiring, safe_state)
 
 
-class JammkleProtocol:
+class JammkleProtocol(BoardProtocol):
     """The project's firmware: one request per cycle writes the outputs and reads all sensors (function 23).
 
     What the board says of itself is read every tenth cycle, and as soon as it has latched something else: without it a
@@ -128,9 +121,7 @@ class JammkleProtocol:
 
     def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
         """Talk over a line; `safe_state` is `vent` or `hold`."""
-        self._line = line
-        self._wiring = wiring
-        self._holds = safe_state == HOLD
+        super().__init__(line, wiring, safe_state)
         self._registers = register_list()
         self._short = self._registers.input("pump_duty_driven").address + 1
         self._whole = self._registers.input("check_sum_errors").address + 1
@@ -164,20 +155,15 @@ class JammkleProtocol:
         """Write the outputs and read what is due. Why a board refuses is read after."""
         count = self._whole if self._cycles % _STATE_EVERY == 0 else self._short
         self._cycles += 1
-        numbers = await self._write_and_read(command, count)
-        if numbers is None or (count < self._whole and self._latched(numbers) != self._latched_bits):
+        numbers: Sequence[int] = ()
+        if command is not None:
+            first, mirror = self._registers.holding("outputs").address, self._registers.mirror
+            with contextlib.suppress(RefusedError):
+                numbers = await self._line.write_and_read(first, self._outputs(command), mirror, count)
+        latched = self._registers.input("latched").address
+        if not numbers or (count < self._whole and numbers[latched] != self._latched_bits):
             numbers = await self._line.read("input", 0, self._whole)
         return self._exchange(numbers)
-
-    async def _write_and_read(self, command: ActuatorCommand | None, count: int) -> Sequence[int] | None:
-        """Return so many input registers; None where the board refuses what was to be written, or nothing was."""
-        if command is None:
-            return None
-        first = self._registers.holding("outputs").address
-        try:
-            return await self._line.write_and_read(first, self._outputs(command), self._registers.mirror, count)
-        except RefusedError:
-            return None
 
     async def exchange_stale(self, last: ActuatorCommand | None) -> Exchange:  # noqa: ARG002 - the board knows it
         """Give no sign of life: the board's own watchdog lets go, and latches why."""
@@ -194,9 +180,6 @@ class JammkleProtocol:
         )
         return bits, self._wiring.pump.number(command.pump_duty)
 
-    def _latched(self, numbers: Sequence[int]) -> int:
-        return numbers[self._registers.input("latched").address]
-
     def _exchange(self, numbers: Sequence[int]) -> Exchange:
         names = [register.name for register in self._registers.tables["input_registers"][: len(numbers)]]
         inputs = dict(zip(names, numbers, strict=True))
@@ -209,16 +192,16 @@ class JammkleProtocol:
             sensors_pa=_pascals(self._wiring, places),
             numbers=places,
             taken=ActuatorCommand(solenoids, duty),
-            latched=frozenset(_LATCHED[name] for name in self._set_bits("latched", inputs["latched"])),
+            latched=frozenset(SafeCause[name.upper()] for name in self._set_bits("latched", inputs["latched"])),
             state=self._state(inputs) if len(numbers) == self._whole else None,
         )
 
     def _state(self, inputs: Mapping[str, int]) -> BoardState:
         reset = self._set_bits("reset_cause", inputs["reset_cause"])
-        causes = [cause for name, cause in _RESET_CAUSES.items() if name in reset]
+        causes = [ResetCause[name.upper()] for name in _RESET_CAUSES if name in reset]
         uptime_ms = inputs["uptime_high"] << 16 | inputs["uptime_low"]
         return BoardState(
-            faults=frozenset(_FAULTS[name] for name in self._set_bits("faults", inputs["faults"])),
+            faults=frozenset(BoardFault[name.upper()] for name in self._set_bits("faults", inputs["faults"])),
             reset_cause=causes[0] if causes else ResetCause.UNKNOWN,
             uptime_s=uptime_ms / 1000.0,
             supply_v=self._registers.input("supply").value(inputs["supply"]),
@@ -229,7 +212,7 @@ class JammkleProtocol:
         return [name for place, name in enumerate(self._registers.bits[register]) if number >> place & 1]
 
 
-class ModbusProtocol:
+class ModbusProtocol(BoardProtocol):
     """Any other Modbus server: coils, a register for the pump, registers for the sensors; several requests a cycle.
 
     Such a board may have no watchdog. As long as this end lives, it does in its stead what the project's firmware does:
@@ -239,12 +222,10 @@ class ModbusProtocol:
 
     def __init__(self, line: Line, wiring: Wiring, safe_state: str) -> None:
         """Talk over a line; `safe_state` is `vent` or `hold`."""
-        self._line = line
-        self._wiring = wiring
-        self._holds = safe_state == HOLD
+        super().__init__(line, wiring, safe_state)
         self._let_go: ActuatorCommand | None = None
         """What was written for a stale command; until it is acknowledged."""
-        self._register_ranges = {table: _register_ranges(wiring, table) for table in ("input", "holding")}
+        self._register_ranges = [*_register_ranges(wiring, "input"), *_register_ranges(wiring, "holding")]
 
     async def open(self) -> str:
         """Write what the wiring says, such as the time of the board's own watchdog.
@@ -267,12 +248,12 @@ class ModbusProtocol:
         """
         if self._let_go is not None and command is not None and _drives(command):
             command = self._let_go
-        if command is not None:
-            await self._drive(command)
         places: dict[str, int] = {}
-        for table, ranges in self._register_ranges.items():
-            for first, count in ranges:
-                numbers = await self._read(table, first, count)
+        with _fitting():
+            if command is not None:
+                await self._drive(command)
+            for table, first, count in self._register_ranges:
+                numbers = await self._line.read(table, first, count)
                 places |= {
                     name: numbers[sensor.register - first]
                     for name, sensor in self._wiring.sensors.items()
@@ -299,13 +280,14 @@ class ModbusProtocol:
         Some boards take a number only once, such as the time of a watchdog that does not run yet. Yet it is written
         again when the link comes up anew on a board that has run on, or after a reply that came late or never.
         """
-        try:
-            await self._line.write_register(address, number)
-        except RefusedError as error:
-            known = error.code in _HAS_REGISTER
-            if known and (self._line.has_taken(address, number) or await self._reads(address, number)):
-                return False
-            raise _misfit(error) from error
+        with _fitting():
+            try:
+                await self._line.write_register(address, number)
+            except RefusedError as error:
+                known = error.code in _HAS_REGISTER
+                if known and (self._line.has_taken(address, number) or await self._reads(address, number)):
+                    return False
+                raise
         return True
 
     async def _reads(self, address: int, number: int) -> bool:
@@ -323,28 +305,22 @@ class ModbusProtocol:
         if pump.coil is not None:
             bits[pump.coil] = pump.bit(command.pump_duty)
         if max(bits) - min(bits) == len(bits) - 1:  # without a gap: in one request, and so at one moment
-            await self._write(self._line.write_coils(min(bits), [bits[coil] for coil in sorted(bits)]))
+            await self._line.write_coils(min(bits), [bits[coil] for coil in sorted(bits)])
         else:
             for coil, bit in bits.items():
-                await self._write(self._line.write_coils(coil, [bit]))
+                await self._line.write_coils(coil, [bit])
         if pump.register is not None:
-            await self._write(self._line.write_register(pump.register, pump.number(command.pump_duty)))
-
-    async def _write(self, asked: Awaitable[None]) -> None:
-        try:
-            await asked
-        except RefusedError as error:
-            raise _misfit(error) from error
-
-    async def _read(self, table: str, first: int, count: int) -> Sequence[int]:
-        try:
-            return await self._line.read(table, first, count)
-        except RefusedError as error:
-            raise _misfit(error) from error
+            await self._line.write_register(pump.register, pump.number(command.pump_duty))
 
 
-def _misfit(error: RefusedError) -> LineError:
-    return LineError(f"{error}: the board_file does not fit this board")
+@contextlib.contextmanager
+def _fitting() -> Iterator[None]:
+    """Take a refusal for a wiring that does not fit the board."""
+    try:
+        yield
+    except RefusedError as error:
+        msg = f"{error}: the board_file does not fit this board"
+        raise LineError(msg) from error
 
 
 def _drives(command: ActuatorCommand) -> bool:
@@ -355,13 +331,12 @@ def _pascals(wiring: Wiring, numbers: Mapping[str, int]) -> dict[str, float]:
     return {name: wiring.sensors[name].pascals(number) for name, number in numbers.items()}
 
 
-def _register_ranges(wiring: Wiring, table: str) -> list[tuple[int, int]]:
-    """Return first register and count of each request that reads the sensors of a table."""
-    addresses = sorted(sensor.register for sensor in wiring.sensors.values() if sensor.table == table)
-    ranges: list[tuple[int, int]] = []
-    for address in addresses:
-        if ranges and address - (ranges[-1][0] + ranges[-1][1]) < _NEAR:
-            ranges[-1] = (ranges[-1][0], address - ranges[-1][0] + 1)
+def _register_ranges(wiring: Wiring, table: str) -> list[tuple[str, int, int]]:
+    """Return table, first register and count of each request that reads the sensors of a table."""
+    ranges: list[tuple[str, int, int]] = []
+    for address in sorted(sensor.register for sensor in wiring.sensors.values() if sensor.table == table):
+        if ranges and address - sum(ranges[-1][1:]) < _NEAR:
+            ranges[-1] = (table, ranges[-1][1], address - ranges[-1][1] + 1)
         else:
-            ranges.append((address, 1))
+            ranges.append((table, address, 1))
     return ranges

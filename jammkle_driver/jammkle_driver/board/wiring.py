@@ -1,10 +1,11 @@
-"""How a board is wired: outputs and sensors, and the YAML file that says so."""
+"""How a board is wired, the YAML file that says so, and the registers of the project's own firmware."""
 
 from __future__ import annotations
 
 import enum
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,80 @@ import yaml
 
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.core.registers import register_list
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register, or one bit of the two tables of bits.
+
+    Its numbers, from `minimum` to `maximum`, count steps of `per_step` in `unit` (empty: a plain number). `default` is
+    that after a start, if nothing is `stored` over a reset.
+    """
+
+    name: str
+    address: int
+    unit: str = ""
+    per_step: float = 1.0
+    minimum: int = 0
+    maximum: int = 0xFFFF
+    default: int = 0
+    stored: bool = False
+    note: str = ""
+
+    def steps(self, value: float) -> int:
+        """Return the number that stands for a value; the nearest one, bounded to what is taken."""
+        return min(max(round(value / self.per_step), self.minimum), self.maximum)
+
+    def value(self, steps: int) -> float:
+        """Return the value that a number stands for."""
+        return steps * self.per_step
+
+
+@dataclass(frozen=True)
+class RegisterList:
+    """Every register by table and name, in the order of their addresses; names of bits from bit 0 on.
+
+    All input registers can be read as holding registers from the address `mirror` on. `firmware_version` is that of the
+    firmware that belongs to this driver.
+    """
+
+    version: int
+    firmware_version: int
+    tables: Mapping[str, tuple[Register, ...]]
+    bits: Mapping[str, tuple[str, ...]]
+    mirror: int
+
+    def input(self, name: str) -> Register:
+        """Return an input register."""
+        return self._find("input_registers", name)
+
+    def holding(self, name: str) -> Register:
+        """Return a holding register."""
+        return self._find("holding_registers", name)
+
+    def _find(self, table: str, name: str) -> Register:
+        return next(register for register in self.tables[table] if register.name == name)
+
+
+@cache
+def register_list() -> RegisterList:
+    """Return the list of `config/registers.yaml`, read once."""
+    text = files("jammkle_driver").joinpath("config/registers.yaml").read_text(encoding="utf-8")
+    content: dict[str, Any] = yaml.safe_load(text)
+    tables = {
+        table: tuple(Register(address=address, **entry) for address, entry in enumerate(content[table]))
+        for table in ("coils", "discrete_inputs", "input_registers", "holding_registers")
+    }
+    bits = {name: tuple(names) for name, names in content["bits"].items()}
+    return RegisterList(content["version"], content["firmware_version"], tables, bits, content["mirror"])
+
+
+def default_watchdog_s() -> float:
+    """Return the silence of the host after which a board with the project's firmware lets go, s, as it is shipped."""
+    return register_list().holding("watchdog_ms").default / 1000.0
 
 
 class Firmware(enum.Enum):
@@ -44,14 +115,8 @@ class Solenoid:
 class Pump:
     """The pump: a holding register that takes a duty, or a coil that only switches.
 
-    Attributes:
-        register: Address of the holding register; None for a coil.
-        coil: Address of the coil; None for a register.
-        at_zero: Number in the register for duty 0.
-        at_full: Number in the register for duty 1; below `at_zero` for a drive that runs faster with less.
-        threshold: Duty above which a coil is on.
-        inverted: For a coil: 0 runs the pump.
-
+    The register has `at_zero` for duty 0 and `at_full` for duty 1, which is less for a drive that runs faster with
+    less. The coil is on above the duty `threshold`; `inverted`: 0 runs the pump.
     """
 
     register: int | None = None
@@ -72,18 +137,10 @@ class Pump:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One pressure sensor: a register, and the line from its number to Pa.
+    """One pressure sensor: a register of the table `input` or `holding`, and the line from its number to Pa.
 
-    Attributes:
-        register: Address.
-        table: `input` or `holding`.
-        signed: Whether the number is a 16-bit two's complement.
-        scale: Pa per step; negative for a sensor that counts down.
-        offset_pa: Pa at number 0.
-        vacuum: True if it measures vacuum below ambient, positive; False for absolute pressure.
-        minimum: Number below which the sensor counts as broken.
-        maximum: Number above which the sensor counts as broken.
-
+    `signed` numbers are 16-bit two's complements. The pressure is `offset_pa` and `scale` Pa per step, absolute or, for
+    `vacuum`, below ambient and positive. Below `minimum` and above `maximum` the sensor counts as broken.
     """
 
     register: int
@@ -110,20 +167,13 @@ class Wiring:
     """Everything that a board file says.
 
     Attributes:
-        firmware: Whose firmware it has.
         unit: Address of the board on the line, 1 to 247.
-        baud_rate: Of a serial line.
-        parity: `N`, `E` or `O`.
-        stop_bits: 1 or 2.
-        reply_timeout_s: Longest time until a reply is there, s.
         rate_hz: How often outputs are written and all sensors read, 1/s.
         watchdog_ms: For the project's firmware: silence after which it goes to its safe state, ms.
-        pump: The pump.
         solenoids: By channel.
         sensors: By place: channels, and `manifold` if it has one.
         on_connect: Numbers that are written to holding registers whenever the link comes up, such as the time of a
             watchdog that the board has itself.
-
     """
 
     firmware: Firmware
@@ -188,16 +238,16 @@ def load_wiring(path: Path | None) -> Wiring:
     """
     path = path or standard_board_file()
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        msg = f"board file {path}: {reason}"
+        return _wiring(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        msg = f"board file {path}: {error.strerror}"
+        raise WiringError(msg) from error
+    except UnicodeDecodeError as error:
+        msg = f"board file {path}: not UTF-8"
         raise WiringError(msg) from error
     except yaml.YAMLError as error:
         msg = f"board file {path} is not YAML: {' '.join(str(error).split())}"
         raise WiringError(msg) from error
-    try:
-        return _wiring(content)
     except WiringError as error:
         msg = f"board file {path}: {error}"
         raise WiringError(msg) from error
@@ -227,7 +277,8 @@ def _wiring(content: object) -> Wiring:
         },
         **_checked_entries(Wiring, "", {"firmware": Firmware.OTHER.value, **entries}),
     )
-    _check_apart(made)
+    for problem in _problems(made):
+        raise WiringError(problem)
     return made
 
 
@@ -280,50 +331,42 @@ def _checked(name: str, key: str, value: object, default: object) -> Any:
     return value
 
 
-def _check_apart(wiring: Wiring) -> None:
-    """Two outputs on one coil, or two sensors on one register, are a typing error."""
+def _problems(wiring: Wiring) -> Iterator[str]:
+    """Yield what cannot be, though each value can: two outputs on one coil are a typing error."""
     pump = wiring.pump
     if (pump.register is None) == (pump.coil is None):
-        msg = "pump needs either register (a duty) or coil (on and off)"
-        raise WiringError(msg)
+        yield "pump needs either register (a duty) or coil (on and off)"
     if pump.register is not None and pump.at_zero == pump.at_full:
-        msg = f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
-        raise WiringError(msg)
+        yield f"pump: at_zero and at_full are both {pump.at_zero}; the pump would never change"
     if pump.register in wiring.on_connect:
-        msg = f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
-        raise WiringError(msg)
+        yield f"on_connect writes register {pump.register}, which is the pump's; it must be left to the driver"
     coils = [solenoid.coil for solenoid in wiring.solenoids.values()] + ([] if pump.coil is None else [pump.coil])
     registers = [(sensor.table, sensor.register) for sensor in wiring.sensors.values()]
     used = [f"coil {coil}" for coil in coils] + [f"{table} register {address}" for table, address in registers]
     for each in used:
         if used.count(each) > 1:
-            msg = f"{each} is used twice; give each pump, solenoid and sensor its own"
-            raise WiringError(msg)
+            yield f"{each} is used twice; give each pump, solenoid and sensor its own"
     for name, sensor in wiring.sensors.items():
         if sensor.scale == 0.0 or sensor.minimum >= sensor.maximum:
-            msg = f"sensor {name}: scale must not be 0, and minimum must be below maximum"
-            raise WiringError(msg)
+            yield f"sensor {name}: scale must not be 0, and minimum must be below maximum"
     if wiring.firmware is Firmware.JAMMKLE:
-        _check_own(wiring)
+        yield from _problems_of_own(wiring)
 
 
-def _check_own(wiring: Wiring) -> None:
-    registers = register_list()
+def _problems_of_own(wiring: Wiring) -> Iterator[str]:
+    registers, pump, solenoids = register_list(), wiring.pump, wiring.solenoids.values()
     full = registers.holding("pump_duty").maximum
     free = registers.holding("supply_minimum").address
     addresses = {register.address for register in registers.tables["input_registers"][:SENSORS]}
-    if wiring.pump.register != registers.holding("pump_duty").address:
-        msg = "pump: the firmware jammkle takes the duty in register 1"
-    elif (wiring.pump.at_zero, wiring.pump.at_full) != (0, full):
-        msg = f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
-    elif any(address < free for address in wiring.on_connect):
-        msg = f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
-    elif any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in wiring.solenoids.values()):
-        msg = "solenoids: the firmware jammkle has coils 0 to 2"
-    elif any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
-        msg = "sensors: the firmware jammkle has input registers 0 to 3"
-    elif any(solenoid.inverted for solenoid in wiring.solenoids.values()):
-        msg = "solenoids: inverted would turn the safe state of the firmware jammkle into its opposite; wire them so"
-    else:
-        return
-    raise WiringError(msg)
+    if pump.register != registers.holding("pump_duty").address:
+        yield "pump: the firmware jammkle takes the duty in register 1"
+    if (pump.at_zero, pump.at_full) != (0, full):
+        yield f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
+    if any(address < free for address in wiring.on_connect):
+        yield f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
+    if any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in solenoids):
+        yield "solenoids: the firmware jammkle has coils 0 to 2"
+    if any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
+        yield "sensors: the firmware jammkle has input registers 0 to 3"
+    if any(solenoid.inverted for solenoid in solenoids):
+        yield "solenoids: inverted would turn the safe state of the firmware jammkle into its opposite; wire them so"

@@ -82,12 +82,9 @@ class AirSettings:
 
 
 def orifice(from_pa: Array, to_pa: Array) -> tuple[Array, Array, Array]:
-    """Return flow per conductance, Pa^2, and its slopes by both pressures, Pa (ISO 6358-1, elliptic below choking).
+    """Return flow per conductance, Pa^2, and its slopes by both absolute pressures, Pa.
 
-    Args:
-        from_pa: Absolute pressures on one side, Pa; the flow is positive from here.
-        to_pa: Absolute pressures on the other side, Pa.
-
+    ISO 6358-1: elliptic below choking.
     """
     forward = from_pa >= to_pa
     high = np.where(forward, from_pa, to_pa)
@@ -161,9 +158,8 @@ _FOLLOW_S = 1.0
 """Time in which the estimate follows what is read, s."""
 
 
-@dataclass(frozen=True)
-class AtmosphereStatus:
-    """What is known of the atmosphere.
+class Atmosphere:
+    """Weighs the parameter against the sensors: two vented channels that agree are believed more than one number.
 
     Attributes:
         pressure_pa: Pressure from which vacuum is counted, Pa absolute.
@@ -172,52 +168,31 @@ class AtmosphereStatus:
 
     """
 
-    pressure_pa: float
-    declared_pa: float
-    measured: bool
+    def __init__(self, channels: Sequence[str], declared_pa: float) -> None:
+        """Believe the parameter until channels have been vented for a while."""
+        # Nothing was ever drawn from channels of a driver that has just begun: they need not vent first.
+        self._vented_s = dict.fromkeys(channels, VENTED_FOR_S - _FIRST_LOOK_S)
+        self._readings_pa: dict[str, float] = {}
+        self.declared_pa = declared_pa
+        self.pressure_pa = declared_pa
+        self.measured = False
 
     @property
     def doubtful(self) -> bool:
         """Whether the parameter cannot be right."""
         return self.measured and abs(self.declared_pa - self.pressure_pa) > DOUBT_PA
 
-
-class Atmosphere:
-    """Weighs the parameter against the sensors: two vented channels that agree are believed more than one number.
-
-    Attributes:
-        pressure_pa: Pressure from which vacuum is counted, Pa absolute.
-
-    """
-
-    def __init__(self, channels: Sequence[str], declared_pa: float) -> None:
-        """Believe the parameter until channels have been vented for a while."""
-        # Nothing was ever drawn from channels of a driver that has just begun: they need not vent first.
-        self._vented_s = dict.fromkeys(channels, VENTED_FOR_S - _FIRST_LOOK_S)
-        self._readings_pa: dict[str, float] = {}
-        self._declared_pa = declared_pa
-        self.pressure_pa = declared_pa
-        self._measured = False
-
-    @property
-    def status(self) -> AtmosphereStatus:
-        """What is known now."""
-        return AtmosphereStatus(self.pressure_pa, self._declared_pa, self._measured)
-
     def declare(self, pressure_pa: float, counted: AbstractSet[str] = frozenset()) -> None:
-        """Take what the parameter says now; it counts where nothing was measured.
+        """Take what the parameter says now, Pa; it counts where nothing was measured.
 
-        Args:
-            pressure_pa: What it says, Pa.
-            counted: Channels whose readings are counted from it, and so go with it: sensors of vacuum do not show the
-                atmosphere. Where all are, the estimate goes along, and keeps what it has learned of their zero.
-
+        Readings of the channels that are counted from it go with it: sensors of vacuum do not show the atmosphere.
+        Where all are, the estimate goes along, and keeps what it has learned of their zero.
         """
-        step_pa = pressure_pa - self._declared_pa
-        self._declared_pa = pressure_pa
+        step_pa = pressure_pa - self.declared_pa
+        self.declared_pa = pressure_pa
         for channel in counted & self._readings_pa.keys():
             self._readings_pa[channel] += step_pa
-        if not self._measured:
+        if not self.measured:
             self.pressure_pa = pressure_pa
         elif counted >= self._vented_s.keys():
             self.pressure_pa += step_pa
@@ -234,9 +209,9 @@ class Atmosphere:
         if len(agreed) < min(2, len(self._vented_s)):
             return
         target_pa = sum(agreed) / len(agreed)
-        share = min(elapsed_s / _FOLLOW_S, 1.0) if self._measured else 1.0
+        share = min(elapsed_s / _FOLLOW_S, 1.0) if self.measured else 1.0
         self.pressure_pa += share * (target_pa - self.pressure_pa)
-        self._measured = True
+        self.measured = True
 
 
 SHORTEST_S = 0.25
@@ -251,13 +226,9 @@ SETTLING_S = 0.15
 
 @dataclass(frozen=True)
 class LeakRate:
-    """A leak as it was seen last.
+    """A leak as it was seen last: the rise of the pressure, and what it is into all that was connected.
 
-    Attributes:
-        rate_pa_s: Rise of the pressure, Pa/s.
-        conductance_m3_s_pa: Sonic conductance of the leak into all that was connected, m^3/(s Pa).
-        connected: Channels that were connected, and decayed together with the manifold.
-
+    The channels that were connected decayed together with the manifold; `conductance_m3_s_pa` is sonic.
     """
 
     rate_pa_s: float
@@ -280,9 +251,9 @@ class LeakMeter:
         """Make a meter that has seen no rest."""
         self._air = air
         self._volumes_m3 = dict(zip(channels, air.channel_volumes_m3, strict=False))
-        self._sums: dict[str, tuple[int, float, float, float, float]] = {}
+        self._times_s: dict[str, float] = {}
+        self._sums: dict[str, Array] = {}
         self._connected: frozenset[str] = frozenset()
-        self._products: dict[str, float] = {}
         self._rising: dict[str, float] = {}
         self._reported: dict[frozenset[str], float] = {}
         self._last: frozenset[str] = frozenset()
@@ -291,15 +262,9 @@ class LeakMeter:
     def read(
         self, channel: str, pressure_pa: float, elapsed_s: float, connected: frozenset[str], ambient_pa: float
     ) -> None:
-        """Take a reading of a rest.
+        """Take a reading of a rest, Pa absolute, `elapsed_s` s after the last one of this channel.
 
-        Args:
-            channel: Whose reading it is.
-            pressure_pa: Pa absolute.
-            elapsed_s: Time since the last one of this channel, s.
-            connected: Channels that share the vacuum; one with another set of them begins a new rest.
-            ambient_pa: Pressure of the atmosphere, Pa.
-
+        A reading with another set of connected channels, which share the vacuum, begins a new rest.
         """
         self._ambient_pa = ambient_pa
         if connected != self._connected:
@@ -307,27 +272,23 @@ class LeakMeter:
             self._connected = connected
         if channel not in connected:
             return
-        count, time_s, sum_x, sum_y, sum_xx = self._sums.get(channel, (0, -SETTLING_S, 0.0, 0.0, 0.0))
-        product = self._products.get(channel, 0.0)
-        time_s += elapsed_s
+        time_s = self._times_s[channel] = self._times_s.get(channel, -SETTLING_S) + elapsed_s
         if time_s < 0.0:
-            self._sums[channel] = (0, time_s, 0.0, 0.0, 0.0)
             return
-        count, sum_x, sum_y, sum_xx = count + 1, sum_x + time_s, sum_y + pressure_pa, sum_xx + time_s * time_s
-        product += time_s * pressure_pa
-        self._sums[channel] = (count, time_s, sum_x, sum_y, sum_xx)
-        self._products[channel] = product
+        sums = self._sums.setdefault(channel, np.zeros(5))
+        sums += (1.0, time_s, pressure_pa, time_s * time_s, time_s * pressure_pa)
+        count, sum_x, sum_y, sum_xx, sum_xy = sums.tolist()
         spread = count * sum_xx - sum_x * sum_x
         if time_s >= SHORTEST_S and spread > 0.0:
-            self._rising[channel] = (count * product - sum_x * sum_y) / spread
+            self._rising[channel] = (count * sum_xy - sum_x * sum_y) / spread
             self._last = connected
 
     def stop(self) -> None:
         """End the rest, and take its rates into the mean; that stays."""
         self._reported.update(self._resting)
         self._rising.clear()
+        self._times_s.clear()
         self._sums.clear()
-        self._products.clear()
         self._connected = frozenset()
 
     @property

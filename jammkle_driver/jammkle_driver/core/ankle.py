@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.air import Atmosphere, LeakMeter
-from jammkle_driver.core.channel import Channel, ChannelSettings, ChannelState, missed
-from jammkle_driver.core.diagnosis import LONGEST_UNKNOWN_S, Diagnosis, DiagnosisSettings, Evidence
+from jammkle_driver.core.channel import Channel, ChannelState, missed
+from jammkle_driver.core.diagnosis import LONGEST_UNKNOWN_S, Diagnosis, Evidence
 from jammkle_driver.core.faults import Finding, Reason, finding
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, released
-from jammkle_driver.core.regulator import LATE_S, Connected, ExcessVent, PumpLoad, PumpRegulator, RegulatorSettings
+from jammkle_driver.core.regulator import LATE_S, ExcessVent, PumpLoad, PumpRegulator
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from jammkle_driver.core.diagnosis import Moment
     from jammkle_driver.core.hardware import PressureSample
-    from jammkle_driver.core.watchdog import Instant
+    from jammkle_driver.core.watch import Instant
+    from jammkle_driver.parameters import DriverParameters
 
 _LONGEST_WAIT_S = 5.0
 """How long a reading may wait to be taken, s, while a node hangs. Assumed: what is older is of a clock set back."""
@@ -32,73 +32,33 @@ _ANSWERED_AFTER = 3.0
 cycle."""
 
 
-class SafeState(enum.Enum):
-    """What jammed channels do when nobody may decide for them any more."""
-
-    VENT = "vent"
-    """Let go: the ankle is soft."""
-    HOLD = "hold"
-    """Stay connected, the pump off: the ankle stays as stiff as its leaks let it."""
-
-
-class FaultPolicy(enum.Enum):
-    """What a fault of one channel means for the others."""
-
-    ANKLE = "ankle"
-    """All go to the safe state: an ankle that is stiff on one side turns the foot."""
-    CHANNEL = "channel"
-    """The others go on."""
-
-
-@dataclass(frozen=True)
-class AnkleSettings:
-    """What an ankle goes by.
-
-    Attributes:
-        channel: When a channel counts as jammed, vented or failed.
-        regulator: How vacuum is regulated, and what the pump bears.
-        diagnosis: What faults are found by.
-        diagnose: Whether faults are looked for by the law of the air; else by time-outs alone.
-        ambient_pa: Pressure of the atmosphere where none was measured, Pa.
-        safe_state: What jammed channels do when nobody may decide.
-        fault_policy: What a fault of one channel means for the others.
-
-    """
-
-    channel: ChannelSettings
-    regulator: RegulatorSettings
-    diagnosis: DiagnosisSettings
-    diagnose: bool
-    ambient_pa: float
-    safe_state: SafeState
-    fault_policy: FaultPolicy
-
-
 class Ankle:
     """Channels that share one pump; follows set points, lets go when something fails, and says what it knows.
 
     Attributes:
-        settings: What it goes by.
+        parameters: What it goes by.
         may_store: Whether a reservoir may be evacuated while nothing is jammed.
 
     """
 
-    def __init__(self, channels: Sequence[str], settings: AnkleSettings) -> None:
+    def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
         """Make an ankle of disabled channels."""
         self._names = tuple(channels)
-        self.settings = settings
-        self.atmosphere = Atmosphere(self._names, settings.ambient_pa)
-        self.load = PumpLoad(settings.regulator)
+        self.parameters = parameters
+        self._air = parameters.air()
+        self._volumes_m3 = dict(zip(self._names, self._air.channel_volumes_m3, strict=False))
+        self.atmosphere = Atmosphere(self._names, parameters.ambient_pressure_pa)
+        self.load = PumpLoad(parameters)
         self._counted: set[str] = set()
-        self._regulator = PumpRegulator(settings.regulator)
+        self._regulator = PumpRegulator(parameters)
         self.may_store = False
         self.reset()
 
     def reset(self) -> None:
         """Be as new, disabled."""
-        self.channels = {name: Channel(name, self.settings.channel) for name in self._names}
-        self.leaks = LeakMeter(self._names, self.settings.diagnosis.air)
-        self.diagnosis = Diagnosis(self._names, self.settings.diagnosis, self.atmosphere.pressure_pa)
+        self.channels = {name: Channel(name, self.parameters) for name in self._names}
+        self.leaks = LeakMeter(self._names, self._air)
+        self.diagnosis = Diagnosis(self._names, self._air, self.atmosphere.pressure_pa)
         self.evidence = Evidence((MANIFOLD, *self._names))
         self.manifold_vacuum_pa: float | None = None
         self.findings: tuple[Finding, ...] = ()
@@ -107,7 +67,7 @@ class Ankle:
         self._duty = 0.0
         self._command = released(self._names)
         self._held: ActuatorCommand | None = None
-        self._vent = ExcessVent(self.settings.diagnosis.air.valve_conductance_m3_s_pa)
+        self._vent = ExcessVent(self._volumes_m3, self._air.valve_conductance_m3_s_pa)
         self._pulsed: frozenset[str] = frozenset()
         self._period_s = _SHORTEST_PERIOD_S
         self._judged_from_s = -math.inf
@@ -149,9 +109,9 @@ class Ankle:
 
     def able(self, channel: str) -> bool:
         """Whether a channel may be jammed, as far as faults go."""
-        if self.settings.fault_policy is FaultPolicy.ANKLE:
-            return not self.faulty
-        return self.channels[channel].state is not ChannelState.FAULT
+        if self.parameters.fails_alone:
+            return self.channels[channel].state is not ChannelState.FAULT
+        return not self.faulty
 
     def ask(self, channel: str, vacuum_pa: float, reason: str) -> None:
         """Take a set point for one channel; whatever was held before is regulated, or vented, again."""
@@ -168,7 +128,7 @@ class Ankle:
     def let_go(self, channels: Sequence[str], why: Finding) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
-        if self.settings.safe_state is SafeState.HOLD and self._held is None and asked:
+        if self.parameters.holds and self._held is None and asked:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for channel in asked:
             if self._held is not None:
@@ -178,13 +138,12 @@ class Ankle:
 
     def fail(self, channels: Sequence[str], why: Finding) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
-        hold = self.settings.safe_state is SafeState.HOLD
-        if hold and self._held is None and self.jammed:
+        if self.parameters.holds and self._held is None and self.jammed:
             self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
         for name in channels:
             self.channels[name].fail(why)
         self._spread(why)
-        if self.settings.fault_policy is FaultPolicy.CHANNEL and any(pa > 0.0 for pa in self.set_points_pa.values()):
+        if self.parameters.fails_alone and self.jammed:
             self._held = None
         self.regulate(0.0)
 
@@ -217,7 +176,7 @@ class Ankle:
             self.judge_from_now_on(now)
         elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
         self._stamps[place] = stamp_s
-        judged = driven and sample.timely and self.settings.diagnose
+        judged = driven and sample.timely and self.parameters.diagnose
         judged = judged and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
         if judged:
             self.note_command(now)
@@ -230,14 +189,13 @@ class Ankle:
             was_faulty = channel.state is ChannelState.FAULT
             channel.measure(vacuum_pa, elapsed_s)
             if channel.state is ChannelState.FAULT and not was_faulty:
-                status = channel.status
-                self._spread(Finding(status.fault, place, status.reason, status.values))
+                self._spread(channel.why)
                 self.regulate(0.0)
         if judged:
-            self._look_into(self.diagnosis.check_range(place, pressure_pa, self.atmosphere.status))
+            self._look_into(self.diagnosis.check_range(place, pressure_pa, self.atmosphere))
             for moment in self.evidence.due():
                 self._note(moment)
-                if self.atmosphere.status.measured:
+                if self.atmosphere.measured:
                     self._look_into(self.diagnosis.take(moment, self.atmosphere.pressure_pa))
         # Samples of one moment come one by one, and late ones in any order; the pump is set once per moment.
         since_s = stamp_s - self._regulated_at_s
@@ -245,7 +203,8 @@ class Ankle:
             self._regulated_at_s = stamp_s
             passed_s = max(since_s, 0.0) if math.isfinite(since_s) else 0.0
             self._period_s = min(max(passed_s, 0.95 * self._period_s, _SHORTEST_PERIOD_S), _LONGEST_PERIOD_S)
-            self._vent_excess(stamp_s)
+            excesses_pa = {name: each.excess_pa for name, each in self.channels.items() if each.excess_pa > 0.0}
+            self._pulsed = self._vent.pulse(excesses_pa, self._connected_m3(), stamp_s, self._period_s)
             self.regulate(passed_s)
 
     def regulate(self, elapsed_s: float) -> None:
@@ -270,20 +229,20 @@ class Ankle:
             rise_pa=self._rise_pa(set_point_pa),
         )
         self._duty = self.load.spare(duty, elapsed_s)
-        if self._regulator.full_s > self.settings.channel.jam_timeout_s:
+        if self._regulator.full_s > self.parameters.longest_jam_s:
             self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
 
     @property
     def _stores(self) -> bool:
         able = self.may_store and self._held is None and not self.faulty and not self.findings
-        return able and self.settings.regulator.stored_vacuum_pa > 0.0
+        return able and self.parameters.reservoir_vacuum_pa > 0.0
 
     def _store(self, manifold_vacuum_pa: float, elapsed_s: float) -> None:
         """Evacuate the reservoir: all valves are shut, so that the manifold's sensor reads it."""
-        stored_pa = self.settings.regulator.stored_vacuum_pa
+        stored_pa = self.parameters.reservoir_vacuum_pa
         duty = self._regulator.update(stored_pa, manifold_vacuum_pa, manifold_vacuum_pa, elapsed_s)
         self._duty = self.load.spare(duty, elapsed_s)
-        timeout_s = self.settings.channel.jam_timeout_s
+        timeout_s = self.parameters.longest_jam_s
         if self._regulator.full_s > timeout_s:
             self._regulator.reset()
             seen = f"at {manifold_vacuum_pa:.0f} of {stored_pa:.0f} Pa with the pump at full duty for {timeout_s:.3g} s"
@@ -291,24 +250,13 @@ class Ankle:
             self.fail(self._names, finding(Reason.NOT_REACHED, MANIFOLD, seen, values).to_clear())
 
     def _connected_m3(self) -> float:
-        air = self.settings.diagnosis.air
-        volumes_m3 = zip(self._names, air.channel_volumes_m3, strict=False)
-        return air.shared_volume_m3 + sum(each for name, each in volumes_m3 if self.channels[name].energised)
-
-    def _vent_excess(self, stamp_s: float) -> None:
-        air = self.settings.diagnosis.air
-        volumes_m3 = dict(zip(self._names, air.channel_volumes_m3, strict=False))
-        excessive = [
-            Connected(name, volumes_m3[name], channel.excess_pa)
-            for name, channel in self.channels.items()
-            if channel.excess_pa > 0.0
-        ]
-        self._pulsed = self._vent.pulse(excessive, self._connected_m3(), stamp_s, self._period_s)
+        connected_m3 = sum(each for name, each in self._volumes_m3.items() if self.channels[name].energised)
+        return self._air.shared_volume_m3 + connected_m3
 
     def _rise_pa(self, vacuum_pa: float) -> float:
         if self._period_s <= LATE_S:
             return 0.0
-        air = self.settings.diagnosis.air
+        air = self._air
         flow_m3_s = air.pump_free_flow_m3_s * max(1.0 - vacuum_pa / air.pump_ultimate_vacuum_pa, 0.0)
         pressure_pa = max(self.atmosphere.pressure_pa - vacuum_pa, 0.0)
         return flow_m3_s * pressure_pa / self._connected_m3() * _ANSWERED_AFTER * self._period_s
@@ -320,7 +268,7 @@ class Ankle:
 
     def note_command(self, now: Instant) -> None:
         """Note what is commanded from now on; to be called whenever something is, or a brief command is missed."""
-        if self.settings.diagnose:
+        if self.parameters.diagnose:
             self.evidence.command(self.command, now.graph_s)
 
     def judge_from_now_on(self, now: Instant) -> None:
@@ -342,10 +290,10 @@ class Ankle:
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self._regulator.reset()
-        timeout_s = self.settings.channel.jam_timeout_s
+        timeout_s = self.parameters.longest_jam_s
         seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
         seen += f"{timeout_s:g} s (jam_timeout_s)"
-        why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest.status))
+        why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest))
         self.fail((weakest.name,), why.to_clear())
 
     def _note(self, moment: Moment) -> None:
@@ -365,23 +313,19 @@ class Ankle:
 
     def _look_into(self, found: Finding | None) -> None:
         """Act on what was found, if anything was, and if it is the first, or another channel's alone."""
-        others_go_on = self.settings.fault_policy is FaultPolicy.CHANNEL and all(map(self._is_alone, self.findings))
+        others_go_on = self.parameters.fails_alone and all(map(self._is_alone, self.findings))
         if found is None or (self.findings and not others_go_on):
             return
         self.findings = (*self.findings, found)
         if others_go_on and self._is_alone(found):
             self.diagnosis.go_on_without(found, self.atmosphere.pressure_pa)
-        self.fail(self._concerned(found), found.to_clear())
-
-    def _concerned(self, found: Finding) -> tuple[str, ...]:
-        """Channels that are in FAULT by a finding: its own, or all, where it is at what all share."""
-        return (found.place,) if self._is_alone(found) else self._names
+        self.fail((found.place,) if self._is_alone(found) else self._names, found.to_clear())
 
     def _is_alone(self, found: Finding) -> bool:
         return found.place in self.channels
 
     def _spread(self, why: Finding) -> None:
-        if self.settings.fault_policy is FaultPolicy.CHANNEL or not self.faulty:
+        if self.parameters.fails_alone or not self.faulty:
             return
         others = [name for name, channel in self.channels.items() if channel.state is not ChannelState.FAULT]
         failed = ", ".join(channel.name for channel in self.faulty)

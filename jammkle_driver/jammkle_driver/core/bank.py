@@ -32,10 +32,9 @@ _LEFT_OUT_PA_RTS = 16.0
 
 @dataclass(frozen=True)
 class Step:
-    """What happened from one set of readings to the next.
+    """What happened from one set of readings to the next, `duration_s` later.
 
     Attributes:
-        duration_s: Time between, s.
         readings_pa: What each sensor read at the end, Pa absolute: manifold, then channels; NaN where nothing came.
         connected: Per channel, whether it was commanded to the manifold.
         switching: Per channel, whether its valve may be moving.
@@ -43,7 +42,6 @@ class Step:
         duty_doubt: How far the duty that acts may be from that, 0 to 1.
         ambient_pa: Pressure of the atmosphere, Pa.
         heat_pa: Per volume, how far its pressure may still go as its air comes back to the temperature of the wall, Pa.
-
     """
 
     duration_s: float
@@ -76,117 +74,6 @@ class _Balance:
     by_built: Array
 
 
-class Predictor:
-    """Advances states and covariances of all hypotheses of one ankle."""
-
-    def __init__(self, air: AirSettings, spread: Spread, tables: Tables) -> None:
-        """Prepare for an ankle."""
-        self._air = air
-        self._spread = spread
-        self._tables = tables
-        self._volumes_m3 = np.array(air.volumes_m3)
-        self._drifting = tuple(np.array(tables.drifting).T)  # hypotheses, and the offset that drifts in each
-        volumes, channels = tables.layout.volumes, tables.layout.volumes - 1
-        self._spreading = np.zeros((volumes, 2 * channels + volumes + 1))  # pressure rate per flow, 1/m^3
-        for channel in range(channels):
-            self._spreading[channel + 1, channel] = -1.0 / self._volumes_m3[channel + 1]
-            self._spreading[0, channel] = 1.0 / self._volumes_m3[0]
-            self._spreading[channel + 1, channels + channel] = 1.0 / self._volumes_m3[channel + 1]
-        for place in range(volumes):
-            self._spreading[place, 2 * channels + place] = 1.0 / self._volumes_m3[place]
-        self._spreading[0, -1] = -1.0 / self._volumes_m3[0]
-
-    def advance(self, state: Array, covariance: Array, step: Step) -> None:
-        """Advance states, shape (hypotheses, quantities), and covariances in place."""
-        tables, volumes, duration_s = self._tables, self._tables.layout.volumes, step.duration_s
-        pressures = np.maximum(state[:, :volumes], _LOWEST_PA)
-        balance = self._balance(state, pressures, step)
-        solved = np.linalg.inv(np.eye(volumes) - duration_s * balance.by_pressure)
-        rate = balance.flows @ self._spreading.T
-        moved = pressures + (solved @ (duration_s * rate)[:, :, None])[:, :, 0]
-        rows = np.zeros((len(state), volumes, state.shape[1]))
-        rows[:, :, :volumes] = solved
-        rows[:, :, 2 * volumes :] = solved @ (duration_s * balance.by_built)
-        carried = rows @ covariance
-        within = carried @ rows.transpose(0, 2, 1)
-        covariance[:, :volumes, :] = carried
-        covariance[:, :, :volumes] = carried.transpose(0, 2, 1)
-        shaped = solved @ self._spreading
-        within += (shaped * self._doubt(state, balance, step)[:, None, :]) @ shaped.transpose(0, 2, 1)
-        place = np.arange(volumes)
-        heat_pa2 = np.square(np.array(step.heat_pa)) / HEAT_TIME_S
-        within[:, place, place] += (_LEFT_OUT_PA_RTS**2 + heat_pa2) * duration_s
-        covariance[:, :volumes, :volumes] = within
-        models, offsets = self._drifting
-        drift = tables.layout.drift
-        state[models, offsets] += duration_s * state[models, drift]
-        covariance[models, offsets, :] += duration_s * covariance[models, drift, :]
-        covariance[models, :, offsets] += duration_s * covariance[models, :, drift]
-        # What is built comes back to its mean within its spread (Ornstein-Uhlenbeck); what was let go walks.
-        decay = np.exp(-duration_s / tables.time_s)
-        decay[:, :volumes] = 1.0
-        state[:] = tables.mean + decay * (state - tables.mean)
-        state[:, :volumes] = np.maximum(moved, _LOWEST_PA)
-        covariance *= decay[:, :, None] * decay[:, None, :]
-        every = np.arange(state.shape[1])
-        covariance[:, every, every] += tables.deviation**2 * (1.0 - decay**2) + tables.wander * duration_s
-
-    def _balance(self, state: Array, pressures: Array, step: Step) -> _Balance:
-        air, tables, layout = self._air, self._tables, self._tables.layout
-        models, volumes = pressures.shape
-        manifold = pressures[:, :1]
-        unit = air.valve_conductance_m3_s_pa
-        share = np.where(tables.opened, 1.0, np.where(tables.closed, 0.0, np.array(step.connected, dtype=float)))
-        line, leak, pump = state[:, layout.lines] * unit, state[:, layout.leaks] * unit, state[:, layout.pump]
-        end = state[:, layout.end] / air.pump_ultimate_vacuum_pa  # 1/Pa
-        drawn, by_channel, by_manifold = orifice(pressures[:, 1:], np.repeat(manifold, volumes - 1, axis=1))
-        inward, _, by_place = orifice(np.full_like(pressures, step.ambient_pa), pressures)
-        vacuum = step.ambient_pa - manifold[:, 0]
-        curve = 1.0 - end * vacuum
-        curve_slope = np.where(curve > 0.0, curve + end * manifold[:, 0], 0.0)
-        pumped = air.pump_free_flow_m3_s * np.maximum(curve, 0.0) * manifold[:, 0]
-        full = np.concatenate([line * drawn, line * inward[:, 1:]], axis=1)
-        valves = full * np.concatenate([share, 1.0 - share], axis=1)
-        flows = np.concatenate([valves, leak * inward, (pump * step.duty * pumped)[:, None]], axis=1)
-
-        into, channel = 1.0 / self._volumes_m3, np.arange(1, volumes)
-        by_pressure = np.zeros((models, volumes, volumes))
-        from_vents = ((1.0 - share) * line + leak[:, 1:]) * by_place[:, 1:]
-        by_pressure[:, channel, channel] = (from_vents - share * line * by_channel) * into[1:]
-        by_pressure[:, channel, 0] = -share * line * by_manifold * into[1:]
-        by_pressure[:, 0, channel] = share * line * by_channel * into[0]
-        drawing = (share * line * by_manifold).sum(axis=1) + leak[:, 0] * by_place[:, 0]
-        by_pressure[:, 0, 0] = (drawing - pump * step.duty * air.pump_free_flow_m3_s * curve_slope) * into[0]
-
-        by_built = np.zeros((models, volumes, layout.size - 2 * volumes))
-        by_built[:, 0, 0] = -step.duty * pumped * into[0]
-        ends = pump * step.duty * air.pump_free_flow_m3_s * manifold[:, 0] * vacuum / air.pump_ultimate_vacuum_pa
-        by_built[:, 0, layout.end - 2 * volumes] = np.where(curve > 0.0, ends, 0.0) * into[0]
-        by_built[:, channel, channel] = ((1.0 - share) * inward[:, 1:] - share * drawn) * unit * into[1:]
-        by_built[:, 0, channel] = share * drawn * unit * into[0]
-        place = np.arange(volumes)
-        by_built[:, place, volumes + place] = inward * unit * into
-        return _Balance(flows, full, pumped, by_pressure, by_built)
-
-    def _doubt(self, state: Array, balance: _Balance, step: Step) -> Array:
-        """Variance of the air that each flow moves beyond what the law says, (Pa m^3)^2."""
-        tables, spread = self._tables, self._spread
-        valves = balance.full.shape[1]
-        # A valve that is stuck does not move, whatever the command.
-        unsure = np.array(step.switching) & ~tables.opened & ~tables.closed
-        unsure = np.concatenate([unsure, unsure], axis=1)
-        relative = np.full(balance.flows.shape, spread.flow)
-        relative[:, :valves] += unsure
-        doubtful = balance.flows.copy()
-        doubtful[:, :valves] = np.where(unsure, balance.full, balance.flows[:, :valves])
-        variance = (relative * doubtful) ** 2
-        variance[:, -1] += (step.duty_doubt * state[:, tables.layout.pump] * balance.pumped) ** 2
-        # A pump that draws nothing must not seem likely by predicting sharply.
-        variance[:, -1] = np.maximum(variance[:, -1], variance[0, -1])
-        doubt: Array = variance * (2.0 * spread.flow_time_s * step.duration_s)
-        return doubt
-
-
 KNOWN_AFTER = 100
 """Readings from which a sensor's way to repeat itself is known: a second of noise."""
 
@@ -199,12 +86,7 @@ _BY_CHANCE = 1e-6
 
 
 class Freshness:
-    """Compares each set of readings with the one before.
-
-    Attributes:
-        run: How many sets in a row have repeated the one before them.
-
-    """
+    """Compares each set of readings with the one before; `run` sets in a row have repeated the one before them."""
 
     def __init__(self) -> None:
         """Know nothing of the sensors yet."""
@@ -286,16 +168,8 @@ class Scoring:
 class Estimate:
     """What one hypothesis makes of the ankle; the manifold first, then the channels.
 
-    Attributes:
-        pressures_pa: True pressures, Pa absolute.
-        offsets_pa: How much each sensor reads too high, Pa.
-        pump_share: Flow of the pump over the declared one, 1.
-        pump_end_share: Ultimate vacuum of the pump over the declared one, 1.
-        line_shares: Conductance of each channel's line over the declared one, 1.
-        leaks_m3_s_pa: Sonic conductance of each volume's leak, m^3/(s Pa).
-        leak_deviations_m3_s_pa: Standard deviations of those.
-        pump_deviation: Standard deviation of the pump's share.
-
+    Pressures are absolute, and each sensor reads too high by its offset. Shares are of what was declared: the pump's
+    flow and ultimate vacuum, and each line's conductance. Leaks are sonic conductances; deviations are standard ones.
     """
 
     pressures_pa: tuple[float, ...]
@@ -318,16 +192,23 @@ class FilterBank:
 
     """
 
-    def __init__(
-        self, air: AirSettings, ambient_pa: float, spread: Spread | None = None, scoring: Scoring | None = None
-    ) -> None:
+    def __init__(self, air: AirSettings, ambient_pa: float) -> None:
         """Begin vented, with every hypothesis as good as the healthy one."""
         self._air = air
-        self.scoring = scoring or Scoring()
-        self._spread = spread or Spread()
+        self.scoring = Scoring()
+        self._spread = Spread()
         self._tables = Tables(air, self._spread)
         self._layout = self._tables.layout
-        self._predictor = Predictor(air, self._spread, self._tables)
+        self._per_volume = into = 1.0 / np.array(air.volumes_m3)  # pressure rate per flow, 1/m^3
+        self._drifting = tuple(np.array(self._tables.drifting).T)  # hypotheses, and the offset that drifts in each
+        volumes, channels = self._layout.volumes, self._layout.volumes - 1
+        channel, place = np.arange(channels), np.arange(volumes)
+        self._spreading = np.zeros((volumes, 2 * channels + volumes + 1))  # the same of each flow: see `_Balance`
+        self._spreading[channel + 1, channel] = -into[1:]
+        self._spreading[0, channel] = into[0]
+        self._spreading[channel + 1, channels + channel] = into[1:]
+        self._spreading[place, 2 * channels + place] = into
+        self._spreading[0, -1] = -into[0]
         self._every = np.arange(self._layout.size)
         self.leave_out(())
         self.reset(ambient_pa)
@@ -396,7 +277,7 @@ class FilterBank:
         readings_pa = np.array(step.readings_pa)
         if self._fresh:
             self._begin(readings_pa, step.ambient_pa)
-        self._predictor.advance(self._state, self._covariance, step)
+        self._predict(step)
         likelihood = self._weigh(step.readings_pa, self._late_pa(readings_pa, step.duration_s))
         repeats, beyond_doubt = self._repeats(readings_pa, step.ambient_pa)
         likelihood += self.scoring.repeat_nats * repeats
@@ -495,7 +376,7 @@ class FilterBank:
             if not math.isfinite(reading_pa):
                 continue
             noise = self._spread.noise_pa**2 + float(late_pa[place]) ** 2
-            offset, stuck = self._layout.offset(place), tables.stuck[:, place]
+            offset, stuck = self._layout.offsets.start + place, tables.stuck[:, place]
             row = covariance[:, place, :] + covariance[:, offset, :]
             held = self._held_variance[:, place]
             seen_pa = np.where(stuck, self._held_pa[:, place], state[:, place] + state[:, offset])
@@ -514,3 +395,94 @@ class FilterBank:
             covariance -= gain[:, :, None] * row[:, None, :]
         np.clip(state, tables.least, tables.most, out=state)
         return total
+
+    def _predict(self, step: Step) -> None:
+        """Advance states, shape (hypotheses, quantities), and covariances by the law of the air."""
+        state, covariance = self._state, self._covariance
+        tables, volumes, duration_s = self._tables, self._layout.volumes, step.duration_s
+        pressures = np.maximum(state[:, :volumes], _LOWEST_PA)
+        balance = self._balance(state, pressures, step)
+        solved = np.linalg.inv(np.eye(volumes) - duration_s * balance.by_pressure)
+        rate = balance.flows @ self._spreading.T
+        moved = pressures + (solved @ (duration_s * rate)[:, :, None])[:, :, 0]
+        rows = np.zeros((len(state), volumes, state.shape[1]))
+        rows[:, :, :volumes] = solved
+        rows[:, :, 2 * volumes :] = solved @ (duration_s * balance.by_built)
+        carried = rows @ covariance
+        within = carried @ rows.transpose(0, 2, 1)
+        covariance[:, :volumes, :] = carried
+        covariance[:, :, :volumes] = carried.transpose(0, 2, 1)
+        shaped = solved @ self._spreading
+        within += (shaped * self._doubt(state, balance, step)[:, None, :]) @ shaped.transpose(0, 2, 1)
+        place = np.arange(volumes)
+        heat_pa2 = np.square(np.array(step.heat_pa)) / HEAT_TIME_S
+        within[:, place, place] += (_LEFT_OUT_PA_RTS**2 + heat_pa2) * duration_s
+        covariance[:, :volumes, :volumes] = within
+        models, offsets = self._drifting
+        drift = tables.layout.drift
+        state[models, offsets] += duration_s * state[models, drift]
+        covariance[models, offsets, :] += duration_s * covariance[models, drift, :]
+        covariance[models, :, offsets] += duration_s * covariance[models, :, drift]
+        # What is built comes back to its mean within its spread (Ornstein-Uhlenbeck); what was let go walks.
+        decay = np.exp(-duration_s / tables.time_s)
+        decay[:, :volumes] = 1.0
+        state[:] = tables.mean + decay * (state - tables.mean)
+        state[:, :volumes] = np.maximum(moved, _LOWEST_PA)
+        covariance *= decay[:, :, None] * decay[:, None, :]
+        every = np.arange(state.shape[1])
+        covariance[:, every, every] += tables.deviation**2 * (1.0 - decay**2) + tables.wander * duration_s
+
+    def _balance(self, state: Array, pressures: Array, step: Step) -> _Balance:
+        air, tables, layout = self._air, self._tables, self._tables.layout
+        models, volumes = pressures.shape
+        manifold = pressures[:, :1]
+        unit = air.valve_conductance_m3_s_pa
+        share = np.where(tables.opened, 1.0, np.where(tables.closed, 0.0, np.array(step.connected, dtype=float)))
+        line, leak, pump = state[:, layout.lines] * unit, state[:, layout.leaks] * unit, state[:, layout.pump]
+        end = state[:, layout.end] / air.pump_ultimate_vacuum_pa  # 1/Pa
+        drawn, by_channel, by_manifold = orifice(pressures[:, 1:], np.repeat(manifold, volumes - 1, axis=1))
+        inward, _, by_place = orifice(np.full_like(pressures, step.ambient_pa), pressures)
+        vacuum = step.ambient_pa - manifold[:, 0]
+        curve = 1.0 - end * vacuum
+        curve_slope = np.where(curve > 0.0, curve + end * manifold[:, 0], 0.0)
+        pumped = air.pump_free_flow_m3_s * np.maximum(curve, 0.0) * manifold[:, 0]
+        full = np.concatenate([line * drawn, line * inward[:, 1:]], axis=1)
+        valves = full * np.concatenate([share, 1.0 - share], axis=1)
+        flows = np.concatenate([valves, leak * inward, (pump * step.duty * pumped)[:, None]], axis=1)
+
+        into, channel = self._per_volume, np.arange(1, volumes)
+        by_pressure = np.zeros((models, volumes, volumes))
+        from_vents = ((1.0 - share) * line + leak[:, 1:]) * by_place[:, 1:]
+        by_pressure[:, channel, channel] = (from_vents - share * line * by_channel) * into[1:]
+        by_pressure[:, channel, 0] = -share * line * by_manifold * into[1:]
+        by_pressure[:, 0, channel] = share * line * by_channel * into[0]
+        drawing = (share * line * by_manifold).sum(axis=1) + leak[:, 0] * by_place[:, 0]
+        by_pressure[:, 0, 0] = (drawing - pump * step.duty * air.pump_free_flow_m3_s * curve_slope) * into[0]
+
+        by_built = np.zeros((models, volumes, layout.size - 2 * volumes))
+        by_built[:, 0, 0] = -step.duty * pumped * into[0]
+        ends = pump * step.duty * air.pump_free_flow_m3_s * manifold[:, 0] * vacuum / air.pump_ultimate_vacuum_pa
+        by_built[:, 0, layout.end - 2 * volumes] = np.where(curve > 0.0, ends, 0.0) * into[0]
+        by_built[:, channel, channel] = ((1.0 - share) * inward[:, 1:] - share * drawn) * unit * into[1:]
+        by_built[:, 0, channel] = share * drawn * unit * into[0]
+        place = np.arange(volumes)
+        by_built[:, place, volumes + place] = inward * unit * into
+        return _Balance(flows, full, pumped, by_pressure, by_built)
+
+    def _doubt(self, state: Array, balance: _Balance, step: Step) -> Array:
+        """Variance of the air that each flow moves beyond what the law says, (Pa m^3)^2."""
+        tables, spread = self._tables, self._spread
+        valves = balance.full.shape[1]
+        # A valve that is stuck does not move, whatever the command.
+        unsure = np.array(step.switching) & ~tables.opened & ~tables.closed
+        unsure = np.concatenate([unsure, unsure], axis=1)
+        relative = np.full(balance.flows.shape, spread.flow)
+        relative[:, :valves] += unsure
+        doubtful = balance.flows.copy()
+        doubtful[:, :valves] = np.where(unsure, balance.full, balance.flows[:, :valves])
+        variance = (relative * doubtful) ** 2
+        variance[:, -1] += (step.duty_doubt * state[:, tables.layout.pump] * balance.pumped) ** 2
+        # A pump that draws nothing must not seem likely by predicting sharply.
+        variance[:, -1] = np.maximum(variance[:, -1], variance[0, -1])
+        doubt: Array = variance * (2.0 * spread.flow_time_s * step.duration_s)
+        return doubt

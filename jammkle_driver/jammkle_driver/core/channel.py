@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from jammkle_driver.core.faults import Reason, finding
+from jammkle_driver.core.faults import Finding, Reason, finding
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from jammkle_driver.core.faults import Finding
+    from jammkle_driver.parameters import DriverParameters
 
 _LONGEST_STEP_S = 0.1
 """Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
@@ -34,78 +32,30 @@ class ChannelState(enum.Enum):
     """Does not follow; released until the fault is cleared."""
 
 
-@dataclass(frozen=True)
-class ChannelSettings:
-    """When a channel counts as jammed, vented or failed.
-
-    Attributes:
-        tolerance_pa: Distance from the set point within which a channel is JAMMED, and above which it vents, Pa.
-        hysteresis_pa: How far above `vented_vacuum_pa` it must go to leave UNJAMMED again, Pa.
-        vented_vacuum_pa: Vacuum below which a channel counts as vented, Pa.
-        jam_timeout_s: Longest time that a channel with a set point may be anything but JAMMED, s.
-        vent_timeout_s: Longest time that a channel without a set point may be VENTING, s.
-
-    """
-
-    tolerance_pa: float
-    hysteresis_pa: float
-    vented_vacuum_pa: float
-    jam_timeout_s: float
-    vent_timeout_s: float
-
-
-@dataclass(frozen=True)
-class ChannelStatus:
-    """What is known of one channel.
-
-    Attributes:
-        name: The channel.
-        state: See `ChannelState`.
-        commanded_vacuum_pa: Vacuum asked for, Pa; 0 = unjam.
-        measured_vacuum_pa: Vacuum measured, Pa; None where it is not.
-        reason: Why it is in this state, in plain English.
-        fault: What has failed, or why it was let go; NONE where nothing is wrong.
-        values: What is known of the fault in numbers for people, with units in the key.
-
-    """
-
-    name: str
-    state: ChannelState
-    commanded_vacuum_pa: float
-    measured_vacuum_pa: float | None
-    reason: str
-    fault: Reason = Reason.NONE
-    values: Mapping[str, str] = field(default_factory=dict)
-
-
 class Channel:
     """State machine of one channel. Fed with set points and measurements; says whether to energise the solenoid.
 
     Attributes:
-        name: Name of the channel.
-        state: Where the channel stands.
-        set_point_pa: Vacuum to hold, Pa; 0 = unjam.
+        name: The channel.
+        state: See `ChannelState`.
+        set_point_pa: Vacuum asked for, Pa; 0 = unjam.
         vacuum_pa: Vacuum measured, Pa; None where it is not.
         energised: Whether the solenoid shall connect the channel to the manifold.
-        reason: Why it is in this state.
-        fault: What has failed, or why it was let go.
-
+        why: Why it is in this state, what has failed, or why it was let go; NONE where nothing is wrong.
     """
 
-    def __init__(self, name: str, settings: ChannelSettings) -> None:
+    def __init__(self, name: str, parameters: DriverParameters) -> None:
         """Make a disabled channel about which nothing is known."""
         self.name = name
-        self._settings = settings
+        self._parameters = parameters
         self._enabled = False
         self.state = ChannelState.UNKNOWN
         self.set_point_pa = 0.0
         self.vacuum_pa: float | None = None
-        self.reason = "driver is not active"
+        self.why = Finding(Reason.NONE, name, "driver is not active")
         self._in_state_s = 0.0
         self._missed_s = 0.0
         self.energised = False
-        self.fault = Reason.NONE
-        self._values: Mapping[str, str] = {}
         self._held = False
 
     @property
@@ -114,21 +64,14 @@ class Channel:
         if not self.energised or self._held or self.vacuum_pa is None:
             return 0.0
         excess_pa = self.vacuum_pa - self.set_point_pa
-        return excess_pa if excess_pa > self._settings.tolerance_pa else 0.0
-
-    @property
-    def status(self) -> ChannelStatus:
-        """Everything known of the channel."""
-        return ChannelStatus(
-            self.name, self.state, self.set_point_pa, self.vacuum_pa, self.reason, self.fault, self._values
-        )
+        return excess_pa if excess_pa > self._parameters.tolerance_pa else 0.0
 
     def enable(self) -> None:
         """Start to follow; nothing is wanted yet."""
         self._enabled = True
         if self.state is not ChannelState.FAULT:
             self.set_point_pa = 0.0
-            self.reason = "" if self.vacuum_pa is not None else "no pressure measured yet"
+            self.why = replace(self.why, text="" if self.vacuum_pa is not None else "no pressure measured yet")
             self._follow()
 
     def disable(self, reason: str) -> None:
@@ -136,31 +79,26 @@ class Channel:
         self._enabled = False
         self.set_point_pa = 0.0
         if self.state is not ChannelState.FAULT:
-            self.reason = reason
+            self.why = replace(self.why, text=reason)
         self._follow()
 
     def hold(self, why: Finding) -> None:
         """Stay connected as it is, until the next set point: nothing is regulated, and nothing counts as missed."""
         self._held = True
-        self._note(why)
+        self.why = why
 
     def ask(self, vacuum_pa: float, reason: str) -> None:
-        """Take a new set point: `vacuum_pa` Pa, 0 to vent. A channel that is disabled or in FAULT stays as it is.
+        """Take a new set point, `vacuum_pa` Pa, 0 to vent, and who asks, or why.
 
-        Args:
-            vacuum_pa: Vacuum wanted, Pa.
-            reason: Who asks, or why.
-
+        A channel that is disabled or in FAULT stays as it is.
         """
         if not self._enabled or self.state is ChannelState.FAULT:
             return
         self._held = False
-        self.fault = Reason.NONE
-        self._values = {}
         if vacuum_pa != self.set_point_pa:
             self._missed_s = self._in_state_s = 0.0
         self.set_point_pa = vacuum_pa
-        self.reason = reason
+        self.why = Finding(Reason.NONE, self.name, reason)
         self._follow()
 
     def let_go(self, why: Finding) -> None:
@@ -168,12 +106,12 @@ class Channel:
         if not self._enabled or self.state is ChannelState.FAULT:
             return
         self.ask(0.0, why.text)
-        self._note(why)
+        self.why = why
 
     def measure(self, vacuum_pa: float, elapsed_s: float) -> None:
         """Take a measurement of `vacuum_pa` Pa, `elapsed_s` s after the one before (0 for the first)."""
         if self.vacuum_pa is None and self.state is ChannelState.UNKNOWN and self._enabled:
-            self.reason = ""
+            self.why = replace(self.why, text="")
         self.vacuum_pa = vacuum_pa
         passed_s = min(elapsed_s, _LONGEST_STEP_S)
         self._in_state_s += passed_s
@@ -194,12 +132,12 @@ class Channel:
         But a board that did not answer, and then says that it has started anew, had been away for that.
         """
         if self.state is ChannelState.FAULT:
-            if self.fault is Reason.BOARD_UNPLUGGED and why.reason in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
-                self._note(why)
+            if self.why.reason is Reason.BOARD_UNPLUGGED and why.reason in {Reason.BOARD_REBOOTED, Reason.BROWN_OUT}:
+                self.why = why
             return
         self.set_point_pa = 0.0
         self._held = False
-        self._note(why)
+        self.why = why
         self._enter(ChannelState.FAULT)
         self.energised = False
 
@@ -207,15 +145,11 @@ class Channel:
         """Leave FAULT, or forget an emergency stop: vented, nothing is wanted."""
         self.set_point_pa = 0.0
         self._held = False
-        self.fault = Reason.NONE
-        self._values = {}
-        self.reason = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
+        text = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
+        self.why = Finding(Reason.NONE, self.name, text)
         if self.state is ChannelState.FAULT:
             self._enter(ChannelState.UNKNOWN)
         self._follow()
-
-    def _note(self, why: Finding) -> None:
-        self.reason, self.fault, self._values = why.text, why.reason, why.values
 
     def _follow(self) -> None:
         if self.state is not ChannelState.FAULT:
@@ -230,13 +164,13 @@ class Channel:
     def _observed(self) -> ChannelState:
         if not self._enabled or self.vacuum_pa is None:
             return ChannelState.UNKNOWN
-        settings = self._settings
+        parameters = self._parameters
         if self.set_point_pa == 0.0:
-            slack_pa = settings.hysteresis_pa if self.state is ChannelState.UNJAMMED else 0.0
-            vented = self.vacuum_pa <= settings.vented_vacuum_pa + slack_pa
+            slack_pa = parameters.hysteresis_pa if self.state is ChannelState.UNJAMMED else 0.0
+            vented = self.vacuum_pa <= parameters.vented_vacuum_pa + slack_pa
             return ChannelState.UNJAMMED if vented else ChannelState.VENTING
         error_pa = self.vacuum_pa - self.set_point_pa
-        if abs(error_pa) <= settings.tolerance_pa:
+        if abs(error_pa) <= parameters.tolerance_pa:
             return ChannelState.JAMMED
         return ChannelState.JAMMING if error_pa < 0.0 else ChannelState.VENTING
 
@@ -246,32 +180,27 @@ class Channel:
             self._in_state_s = 0.0
 
     def _check_time(self) -> None:
-        settings = self._settings
-        if self._missed_s > settings.jam_timeout_s:
-            self._give_up(
-                Reason.NOT_REACHED,
-                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {settings.jam_timeout_s:g} s "
-                "(jam_timeout_s)",
+        longest_jam_s, longest_vent_s = self._parameters.longest_jam_s, self._parameters.vent_timeout_s
+        if self._missed_s > longest_jam_s:
+            seen = (
+                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {longest_jam_s:g} s "
+                "(jam_timeout_s)"
             )
-        elif (
-            self.set_point_pa == 0.0
-            and self.state is ChannelState.VENTING
-            and self._in_state_s > settings.vent_timeout_s
-        ):
-            self._give_up(
-                Reason.NOT_VENTED,
+            self._give_up(Reason.NOT_REACHED, seen)
+        elif self.set_point_pa == 0.0 and self.state is ChannelState.VENTING and self._in_state_s > longest_vent_s:
+            seen = (
                 f"still at {self.vacuum_pa:.0f} Pa, wanted {self.set_point_pa:.0f} Pa, after venting for "
-                f"{settings.vent_timeout_s:g} s (vent_timeout_s)",
+                f"{longest_vent_s:g} s (vent_timeout_s)"
             )
+            self._give_up(Reason.NOT_VENTED, seen)
 
     def _give_up(self, reason: Reason, seen: str) -> None:
-        self.fail(finding(reason, self.name, seen, missed(self.status)).to_clear())
+        self.fail(finding(reason, self.name, seen, missed(self)).to_clear())
 
 
-def missed(status: ChannelStatus) -> dict[str, str]:
+def missed(channel: Channel) -> dict[str, str]:
     """Return in numbers for people how far a channel is from what it was asked for."""
-    measured_pa = status.measured_vacuum_pa
     return {
-        "vacuum wanted (Pa)": f"{status.commanded_vacuum_pa:.0f}",
-        "vacuum at last (Pa)": "not measured" if measured_pa is None else f"{measured_pa:.0f}",
+        "vacuum wanted (Pa)": f"{channel.set_point_pa:.0f}",
+        "vacuum at last (Pa)": "not measured" if channel.vacuum_pa is None else f"{channel.vacuum_pa:.0f}",
     }

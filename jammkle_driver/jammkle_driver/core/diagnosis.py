@@ -21,10 +21,9 @@ from jammkle_driver.core.hardware import MANIFOLD
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from jammkle_driver.core.air import AirSettings, AtmosphereStatus
+    from jammkle_driver.core.air import AirSettings, Atmosphere
     from jammkle_driver.core.bank import Estimate
     from jammkle_driver.core.hardware import ActuatorCommand
-    from jammkle_driver.core.hypotheses import Hypothesis
 
 
 LONGEST_UNKNOWN_S = 0.1
@@ -182,27 +181,15 @@ _LONGEST_GAP_S = 2.0
 """Time without readings beyond which the filters begin anew, s."""
 
 
-@dataclass(frozen=True)
-class DiagnosisSettings:
-    """What the diagnosis goes by.
-
-    Attributes:
-        air: The ankle as built.
-
-    """
-
-    air: AirSettings
-
-
 class Diagnosis:
     """Takes readings of one ankle with what was driven, and says what has failed."""
 
-    def __init__(self, channels: Sequence[str], settings: DiagnosisSettings, ambient_pa: float) -> None:
+    def __init__(self, channels: Sequence[str], air: AirSettings, ambient_pa: float) -> None:
         """Begin with a vented ankle."""
         self._channels = tuple(channels)
         self._places = (MANIFOLD, *self._channels)
-        self._settings = settings
-        self._bank = FilterBank(settings.air, ambient_pa)
+        self._air = air
+        self._bank = FilterBank(air, ambient_pa)
         self._heat = HeatMeter(len(self._places))
         self._freshness = Freshness()
         self.clear(ambient_pa)
@@ -212,24 +199,11 @@ class Diagnosis:
         """What the healthy hypothesis makes of the ankle: leaks, pump, lines, offsets."""
         return self._bank.estimate()
 
-    @property
-    def scores(self) -> dict[str, float]:
-        """What each kind of fault has gained over the healthy ankle, nats, by `reason place`."""
-        table: dict[str, float] = {}
-        for hypothesis, score in zip(self._bank.hypotheses, self._bank.scores, strict=True):
-            if hypothesis.reason is not Reason.NONE:
-                name = f"{hypothesis.reason.name} {self._places[hypothesis.place]}"
-                table[name] = max(float(score), table.get(name, 0.0))
-        return table
-
     def clear(self, ambient_pa: float) -> None:
         """Forget everything, faults included, and begin anew from the next readings."""
         self._known: dict[str, Reason] = {}
-        self._bank.leave_out(())
-        self._bank.reset(ambient_pa)
-        self._heat.reset()
+        self._begin(ambient_pa)
         self._last_s = -math.inf
-        self._leading_s = 0.0
         self._thawed = (-math.inf, -math.inf)
         self._strange = dict.fromkeys(self._places, 0)
 
@@ -239,37 +213,37 @@ class Diagnosis:
         Nothing more is made of that channel or its sensor; one whose valve stays open is still part of the vacuum.
         """
         self._known[found.place] = found.reason
+        self._begin(ambient_pa)
+
+    def _begin(self, ambient_pa: float) -> None:
         self._bank.leave_out([self._places.index(place) for place in self._known])
         self._bank.reset(ambient_pa)
         self._heat.reset()
         self._leading_s = 0.0
 
-    def check_range(self, place: str, pressure_pa: float, air: AtmosphereStatus) -> Finding | None:
-        """Take one reading, Pa absolute, finite, at once: that it is none that any pressure can be needs no time.
-
-        Returns:
-            What has failed, if that is clear now.
-
-        """
+    def check_range(self, place: str, pressure_pa: float, air: Atmosphere) -> Finding | None:
+        """Take one reading, Pa absolute, finite; return what has failed: what no pressure can be needs no time."""
         if place in self._known:
             return None
         ambient_pa = air.pressure_pa
-        least_pa = ambient_pa - self._settings.air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
+        least_pa = ambient_pa - self._air.pump_ultimate_vacuum_pa - OUT_OF_RANGE_PA
         most_pa = ambient_pa + OUT_OF_RANGE_PA
         inside = least_pa <= pressure_pa <= most_pa
         self._strange[place] = 0 if inside else self._strange[place] + 1
         if self._strange[place] < LATE_SETS:
             return None
-        return describe_out_of_range(place, pressure_pa, least_pa, most_pa, atmosphere_measured=air.measured)
+        values = {
+            "reading (Pa)": f"{pressure_pa:.0f}",
+            "least that can be (Pa)": f"{least_pa:.0f}",
+            "most that can be (Pa)": f"{most_pa:.0f}",
+        }
+        seen = f"reads {pressure_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be"
+        if not air.measured:
+            seen += " if ambient_pressure_pa is right, which no vented channel has confirmed yet"
+        return finding(Reason.SENSOR_OUT_OF_RANGE, place, seen, values)
 
     def take(self, moment: Moment, ambient_pa: float) -> Finding | None:
-        """Take the readings of the next moment; return what has failed, if that is clear now.
-
-        Args:
-            moment: What was read, and what was driven until then.
-            ambient_pa: Pressure of the atmosphere, as it was measured, Pa.
-
-        """
+        """Take the next moment, and the atmosphere as measured, Pa; return what has failed, if that is clear now."""
         stamp_s, readings_pa = moment.stamp_s, moment.readings_pa
         duration_s = stamp_s - self._last_s
         stood_still = self._freshness.stood_still
@@ -300,11 +274,12 @@ class Diagnosis:
             self._freshness = Freshness()
             self._bank.bridge()
             return None
-        return describe_stand_still(duration_s, self._freshness.run)
+        seen = f"and all other sensors repeat one reading to the digit for {duration_s:.1f} s"
+        return finding(Reason.SENSOR_STUCK, MANIFOLD, seen, {"repeated sets (1)": str(self._freshness.run)})
 
     def _step(self, moment: Moment, duration_s: float, ambient_pa: float) -> Step:
         stamp_s, driven = moment.stamp_s, moment.driven
-        acts_s = stamp_s - self._settings.air.valve_dead_time_s - 0.5 * duration_s
+        acts_s = stamp_s - self._air.valve_dead_time_s - 0.5 * duration_s
         acting = ([command for since_s, command in driven if since_s <= acts_s] or [driven[0][1]])[-1]
         thawing_s, thawed_s = self._thawed
         lately_s = thawing_s if stamp_s < thawed_s + SWITCHING_S else stamp_s - SWITCHING_S
@@ -345,7 +320,7 @@ class Diagnosis:
             return None
         close = (best, *(model for model in rivals if counted[best] - counted[model] <= LEAD))
         if not any(self._is_small_drift(model) for model in close):
-            return describe(chosen, self._places, bank.estimate(best), float(bank.scores[best]))
+            return self._describe(best)
         if lead > LEAD and chosen.sudden:
             bank.adopt(best)
             self._leading_s = 0.0
@@ -366,73 +341,40 @@ class Diagnosis:
             return False
         return abs(self._bank.estimate(model).offsets_pa[hypothesis.place]) <= _DRIFT_PA
 
+    def _describe(self, model: int) -> Finding:
+        """Return what has failed by a hypothesis."""
+        hypothesis, estimate = self._bank.hypotheses[model], self._bank.estimate(model)
+        reason, index, place = hypothesis.reason, hypothesis.place, self._places[hypothesis.place]
+        values = {"log-likelihood gained (nats)": f"{self._bank.scores[model]:.0f}"}
+        if reason is Reason.LEAK:
+            leak = estimate.leaks_m3_s_pa[index]
+            values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
+            return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
+        if reason is Reason.BLOCKED_LINE:
+            share = estimate.line_shares[index - 1]
+            values["line conductance (share of declared)"] = f"{share:.3f}"
+            return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
+        if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
+            share = estimate.pump_share
+            values["pump flow (share of declared)"] = f"{share:.2f}"
+            return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
+        if reason is Reason.SENSOR_DRIFTING:
+            offset_pa = estimate.offsets_pa[index]
+            values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
+            return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
+        must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
+        values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
+        if reason is Reason.SENSOR_STUCK:
+            seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
+            return finding(reason, place, seen, values)
+        values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
+        stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
+        seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
+        return finding(reason, place, seen, values)
+
 
 def _since(driven: Sequence[tuple[float, ActuatorCommand]], begin_s: float, end_s: float) -> list[ActuatorCommand]:
     """Return the command that stood at `begin_s`, and those that came until `end_s`; the first one if none had."""
     before = [command for since_s, command in driven if since_s < begin_s]
     within = [command for since_s, command in driven if begin_s <= since_s <= end_s]
     return [*before[-1:], *within] or [driven[0][1]]
-
-
-def describe(hypothesis: Hypothesis, places: Sequence[str], estimate: Estimate, gained: float) -> Finding:
-    """Return what has failed by a hypothesis, as a finding.
-
-    Args:
-        hypothesis: What has failed, and where.
-        places: Names of the volumes, the manifold first.
-        estimate: What the hypothesis makes of the ankle.
-        gained: What it has gained over the healthy ankle, nats.
-
-    """
-    place, index = places[hypothesis.place], hypothesis.place
-    values = {"log-likelihood gained (nats)": f"{gained:.0f}"}
-    reason = hypothesis.reason
-    if reason is Reason.LEAK:
-        leak = estimate.leaks_m3_s_pa[index]
-        values["leak conductance (m^3/(s Pa))"] = f"{leak:.2e}"
-        return finding(reason, place, f"leaks with a conductance of {leak * 1e8:.3f} dm^3/(s bar)", values)
-    if reason is Reason.BLOCKED_LINE:
-        share = estimate.line_shares[index - 1]
-        values["line conductance (share of declared)"] = f"{share:.3f}"
-        return finding(reason, place, f"line lets through {100.0 * share:.0f} % of what it should", values)
-    if reason in {Reason.PUMP_WEAK, Reason.PUMP_DEAD}:
-        share = estimate.pump_share
-        values["pump flow (share of declared)"] = f"{share:.2f}"
-        return finding(reason, MANIFOLD, f"pump draws {100.0 * share:.0f} % of its flow", values)
-    if reason is Reason.SENSOR_DRIFTING:
-        offset_pa = estimate.offsets_pa[index]
-        values["sensor offset (Pa)"] = f"{offset_pa:.0f}"
-        return finding(reason, place, f"sensor reads {offset_pa:+.0f} Pa off", values)
-    must_pa, manifold_pa = estimate.pressures_pa[index], estimate.pressures_pa[0]
-    values["pressure that must be (Pa)"] = f"{must_pa:.0f}"
-    if reason is Reason.SENSOR_STUCK:
-        seen = f"sensor's reading stands still where the pressure must be {must_pa:.0f} Pa absolute"
-        return finding(reason, place, seen, values)
-    values["pressure of the manifold (Pa)"] = f"{manifold_pa:.0f}"
-    stays = "at the manifold" if reason is Reason.VALVE_STUCK_OPEN else "at the vent, or its line is shut"
-    seen = f"valve stays {stays}: {must_pa:.0f} Pa absolute, the manifold {manifold_pa:.0f}"
-    return finding(reason, place, seen, values)
-
-
-def describe_stand_still(duration_s: float, sets: int) -> Finding:
-    """Return as a finding that all sensors have repeated one reading, so many times and for so long, s."""
-    seen = f"and all other sensors repeat one reading to the digit for {duration_s:.1f} s"
-    return finding(Reason.SENSOR_STUCK, MANIFOLD, seen, {"repeated sets (1)": str(sets)})
-
-
-def describe_out_of_range(
-    place: str, reading_pa: float, least_pa: float, most_pa: float, *, atmosphere_measured: bool
-) -> Finding:
-    """Return as a finding that a sensor reads what no pressure can be, Pa absolute.
-
-    Where vented channels have not shown the atmosphere yet, the range is that of a parameter, which may be wrong.
-    """
-    values = {
-        "reading (Pa)": f"{reading_pa:.0f}",
-        "least that can be (Pa)": f"{least_pa:.0f}",
-        "most that can be (Pa)": f"{most_pa:.0f}",
-    }
-    seen = f"reads {reading_pa:.0f} Pa absolute, and only {least_pa:.0f} to {most_pa:.0f} Pa can be"
-    if not atmosphere_measured:
-        seen += " if ambient_pressure_pa is right, which no vented channel has confirmed yet"
-    return finding(Reason.SENSOR_OUT_OF_RANGE, place, seen, values)

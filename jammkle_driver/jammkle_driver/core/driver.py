@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.names import WAY_BACK
-from jammkle_driver.core.ankle import Ankle, FaultPolicy, SafeState
+from jammkle_driver.core.ankle import Ankle
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import REMEDIES, Finding, Reason
-from jammkle_driver.core.hardware import ActuatorCommand, LinkState, LinkStatus, PressureSample, released
-from jammkle_driver.core.link import BOARD, LinkGuard, NoiseMeter, RestartWatch, SensorWatch, link_numbers
+from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, released
 from jammkle_driver.core.requests import (
     ONLY_PUBLISHER,
     CommandStreams,
@@ -24,94 +22,29 @@ from jammkle_driver.core.requests import (
     checked_set_points,
     checked_vacuum,
 )
-from jammkle_driver.core.watchdog import OverloadStatus, OverloadWatch
+from jammkle_driver.core.watch import (
+    BOARD,
+    LinkGuard,
+    NoiseMeter,
+    OverloadWatch,
+    RestartWatch,
+    SensorWatch,
+    link_numbers,
+)
+from jammkle_driver.parameters import TICK_PERIOD_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from jammkle_driver.core.air import AtmosphereStatus
-    from jammkle_driver.core.ankle import AnkleSettings
-    from jammkle_driver.core.channel import ChannelStatus
-    from jammkle_driver.core.requests import VacuumLimits
-    from jammkle_driver.core.watchdog import Instant
+    from jammkle_driver.core.watch import Instant
+    from jammkle_driver.parameters import DriverParameters
 
 
-@dataclass(frozen=True)
-class DriverSettings:
-    """What a driver goes by.
+class Trouble(NamedTuple):
+    """The worst that is known of the whole ankle (NONE where all is well), and what was done about it."""
 
-    Attributes:
-        limits: Vacuum that may be asked for.
-        ankle: What channels, pump and diagnosis go by.
-        command_timeout_s: Silence after which what a stream of set points jammed is let go, s.
-        pressure_timeout_s: Silence after which a pressure counts as not measured, s.
-        emergency_stop_timeout_s: Silence of the emergency stop that counts as a stop, s; 0 = never.
-        tick_period_s: Time between two calls of `Driver.tick`, s.
-
-    """
-
-    limits: VacuumLimits
-    ankle: AnkleSettings
-    command_timeout_s: float
-    pressure_timeout_s: float
-    emergency_stop_timeout_s: float
-    tick_period_s: float
-
-
-@dataclass(frozen=True)
-class Trouble:
-    """The worst that is known of the whole ankle.
-
-    Attributes:
-        reason: What it is; NONE where all is well.
-        text: One line: what was seen, with numbers.
-        action: What was done about it.
-        values: What was seen in numbers for people, with units in the key.
-
-    """
-
-    reason: Reason = Reason.NONE
-    text: str = ""
-    action: str = ""
-    values: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class DriverStatus:
-    """What is known of the whole driver.
-
-    Attributes:
-        active: Whether it follows requests.
-        stop_reason: Why everything is stopped; empty where it is not.
-        manifold_vacuum_pa: Vacuum in the manifold, Pa; None where it is not measured.
-        channels: One status per channel, in the driver's order.
-        trouble: The worst that is known of the whole ankle.
-        limits: Vacuum that may be asked for; None where nobody asks.
-        atmosphere: What vacuum is counted from; None where nobody asks.
-        held: Whether solenoids are kept as they were, the pump off.
-        line_noise: What is wrong with the line to the board; None where nothing is.
-        restarted: That the board has started anew a while ago; None where it has not.
-        stop_publishers: How many publishers of emergency_stop there are that have said anything.
-        stop_asked_by: How many of them said true last.
-        commanders: How many publish jam_command now.
-        reservoir_volume_m3: Of the reservoir at the manifold; 0: none.
-
-    """
-
-    active: bool
-    stop_reason: str
-    manifold_vacuum_pa: float | None
-    channels: tuple[ChannelStatus, ...]
-    trouble: Trouble = Trouble()
-    limits: VacuumLimits | None = None
-    atmosphere: AtmosphereStatus | None = None
-    held: bool = False
-    line_noise: Finding | None = None
-    restarted: Finding | None = None
-    stop_publishers: int = 0
-    stop_asked_by: int = 0
-    commanders: int = 0
-    reservoir_volume_m3: float = 0.0
+    why: Finding
+    action: str
 
 
 INACTIVE = "driver is not active"
@@ -120,97 +53,70 @@ INACTIVE = "driver is not active"
 class Driver:
     """Takes requests, measurements and the time; says what the actuators shall do and what is known.
 
-    Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that
-    says what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one
-    vacuum, since they share one manifold.
+    Requests are atomic: they raise `RequestError` and change nothing, or are taken whole and return one line that says
+    what was taken. Per channel the latest change wins, from wherever it came. All jammed channels share one vacuum,
+    since they share one manifold.
 
     Attributes:
-        limits: Vacuum that may be asked for.
-        ankle: The ankle, to look at.
-
+        parameters: What it goes by; those that may change while it runs may be replaced.
+        ankle: Channels, pump and sensors.
+        active: Whether it follows requests.
+        stop: The emergency stop, with its reason and its publishers.
+        streams: Who publishes set points.
+        own_pace: Whether the driver itself keeps up.
+        line_noise: What is wrong with the line to the board; None where nothing is.
+        restarted: That the board has started anew a while ago; None where it has not.
     """
 
-    def __init__(self, channels: Sequence[str], settings: DriverSettings) -> None:
+    def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
         """Make an inactive driver: everything released."""
         self._names = tuple(channels)
-        self._settings = settings
-        self.limits = settings.limits
-        self.ankle = Ankle(self._names, settings.ankle)
-        self._streams = CommandStreams(settings.command_timeout_s)
-        self._sensors = SensorWatch(self._names, settings.pressure_timeout_s, settings.tick_period_s)
-        self._emergency_stop = EmergencyStop(settings.emergency_stop_timeout_s)
-        self._overload = OverloadWatch(settings.tick_period_s)
+        self.parameters = parameters
+        self.ankle = Ankle(self._names, parameters)
+        self.streams = CommandStreams(parameters.command_timeout_s)
+        self._sensors = SensorWatch(self._names, parameters.pressure_timeout_s, TICK_PERIOD_S)
+        self.stop = EmergencyStop(parameters.emergency_stop_timeout_s)
+        self.own_pace = OverloadWatch(TICK_PERIOD_S)
         self._link_guard = LinkGuard()
         self._noise = NoiseMeter()
         self._restarts = RestartWatch()
-        self._steady_s = 0.0
         self._ticked_s: float | None = None
-        self._active = False
+        self.active = False
         self._stopped = False
         self._board_waits = False
         self._link = LinkStatus(LinkState.SEARCHING)
         self._plant_restarts = 0
         self._plant_paused = False
-        self._line_noise: Finding | None = None
-        self._restarted: Finding | None = None
-
-    def limit(self, limits: VacuumLimits) -> None:
-        """Take new limits; what was asked before stays."""
-        self.limits = limits
+        self.line_noise: Finding | None = None
+        self.restarted: Finding | None = None
 
     @property
     def command(self) -> ActuatorCommand:
         """What the actuators shall do now."""
-        if not self._active:
+        if not self.active:
             return released(self._names)
-        if self._emergency_stop.reason and not self.ankle.held:
+        if self.stop.reason and not self.ankle.held:
             return released(self._names)
         return self.ankle.command
 
     @property
-    def status(self) -> DriverStatus:
-        """What is known now."""
-        ankle = self.ankle
-        return DriverStatus(
-            active=self._active,
-            stop_reason=self._emergency_stop.reason,
-            manifold_vacuum_pa=ankle.manifold_vacuum_pa,
-            channels=tuple(channel.status for channel in ankle.channels.values()),
-            trouble=self._trouble,
-            limits=self.limits,
-            atmosphere=ankle.atmosphere.status,
-            held=ankle.held,
-            line_noise=self._line_noise,
-            restarted=self._restarted,
-            stop_publishers=self._emergency_stop.publishers,
-            stop_asked_by=self._emergency_stop.asked_by,
-            commanders=self._streams.speaking,
-            reservoir_volume_m3=ankle.settings.diagnosis.air.reservoir_volume_m3,
-        )
-
-    @property
     def standing(self) -> tuple[object, ...]:
-        """All of the status but what was measured: what everybody is to know at once when it changes."""
-        channels = [(each.state, each.set_point_pa, each.reason) for each in self.ankle.channels.values()]
+        """All that is known but what was measured: what everybody is to know at once when it changes."""
+        channels = [(each.state, each.set_point_pa, each.why.text) for each in self.ankle.channels.values()]
         return (
-            self._active,
-            self._emergency_stop.reason,
-            self._streams.speaking,
-            self._trouble.reason,
-            self.limits,
+            self.active,
+            self.stop.reason,
+            self.streams.speaking,
+            self.trouble.why.reason,
+            self.parameters.default_vacuum_pa,
             *channels,
         )
 
-    @property
-    def own_pace(self) -> OverloadStatus:
-        """What is known of the driver's own pace."""
-        return self._overload.status(self._steady_s)
-
     def activate(self, now: Instant) -> None:
         """Start to follow requests; nothing is wanted yet. An emergency stop and faults stay until cleared."""
-        self._active = True
-        self._streams.forget()
-        self._emergency_stop.begin(now)
+        self.active = True
+        self.streams.forget()
+        self.stop.begin(now)
         for channel in self.ankle.channels.values():
             channel.enable()
         self._permit_storing()
@@ -218,8 +124,8 @@ class Driver:
 
     def deactivate(self) -> None:
         """Release everything and refuse requests; faults stay until cleared."""
-        self._active = False
-        self._streams.forget()
+        self.active = False
+        self.streams.forget()
         self.ankle.release()
         for channel in self.ankle.channels.values():
             channel.disable(INACTIVE)
@@ -242,14 +148,13 @@ class Driver:
 
         """
         names = checked_channels(channels, self._names)
-        vacuum_pa = checked_vacuum(vacuum_pa, self.limits)
-        check_ready(active=self._active, stop_reason=self._emergency_stop.reason, board=self._why_not_ready)
-        check_able(self.ankle, names)
-        set_points = [SetPoint(name, vacuum_pa) for name in names]
-        check_shared_vacuum(set_points, self.ankle.set_points_pa)
-        for set_point in set_points:
-            self._take(set_point, f"asked by {asked_by}")
-            self._streams.release(set_point.channel)
+        vacuum_pa = checked_vacuum(vacuum_pa, self.parameters)
+        self._check_ready()
+        self._check_able(names)
+        check_shared_vacuum([SetPoint(name, vacuum_pa) for name in names], self.ankle.set_points_pa)
+        for name in names:
+            self.ankle.ask(name, vacuum_pa, f"asked by {asked_by}")
+            self.streams.release(name)
         self.ankle.regulate(0.0)
         return f"jamming {', '.join(names)} at {vacuum_pa:g} Pa below ambient"
 
@@ -261,15 +166,35 @@ class Driver:
 
         """
         names = checked_channels(channels, self._names)
-        if not self._active:
+        if not self.active:
             msg = f"{INACTIVE}: every channel is vented already; activate it to follow requests"
             raise RequestError(msg)
         self.ankle.release()
         for name in names:
-            self._take(SetPoint(name, 0.0), f"asked by {asked_by}")
-            self._streams.release(name)
+            self.ankle.ask(name, 0.0, f"asked by {asked_by}")
+            self.streams.release(name)
         self.ankle.regulate(0.0)
         return f"unjamming {', '.join(names)}; {WAY_BACK}"
+
+    def check_carried_out(self, channels: Sequence[str], link: LinkStatus | None) -> None:
+        """Check that a release of channels (none named: all) which was just commanded can take place.
+
+        Raises:
+            RequestError: nobody is there to carry it out, or a channel does not vent.
+
+        """
+        if link is not None and link.state is not LinkState.CONNECTED:
+            way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
+            msg = f"released, but the board gets no command ({link.detail}): {way_out}"
+            raise RequestError(msg)
+        for name in checked_channels(channels, self._names):
+            why = self.ankle.channels[name].why
+            if why.reason is Reason.BOARD_UNPLUGGED:
+                msg = f"released, but no sensor answers, so nobody may be there to do it: {why.text}"
+                raise RequestError(msg)
+            if why.reason in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
+                msg = f"released, but {name} does not vent: {why.text}"
+                raise RequestError(msg)
 
     def follow(
         self,
@@ -292,28 +217,29 @@ class Driver:
                 driver is inactive. Nothing has changed, and the message is no sign of life.
 
         """
-        if not self._active:
+        if not self.active:
             msg = f"{INACTIVE}: activate it first"
             raise RequestError(msg)
-        stream = self._streams.of(set_points, publication, now)
+        stream = self.streams.of(set_points, publication, now)
         if stream is None:
             return
-        checked = checked_set_points(set_points, self._names, self.limits)
+        checked = checked_set_points(set_points, self._names, self.parameters)
         # Before its first measurement a channel cannot follow; the set point counts as soon as it can.
         measured = [
             set_point
             for set_point in checked
             if self.ankle.channels[set_point.channel].vacuum_pa is not None and not self._why_not_ready
         ]
-        able = [set_point for set_point in measured if self._can_follow(set_point.channel)]
+        stopped = self.stop.reason
+        able = [set_point for set_point in measured if not stopped and self.ankle.able(set_point.channel)]
         new = tuple(able) if anew else stream.changes(able)
         jams = any(set_point.vacuum_pa > 0.0 for set_point in new)
         taken = [set_point for set_point in able if set_point in new or (jams and self._holds_another(set_point))]
         check_shared_vacuum(taken, self.ankle.set_points_pa)
         stream.take(measured, now)
         for set_point in taken:
-            self._take(set_point, f"asked by {asked_by}")
-            self._streams.lead(stream, set_point.channel)
+            self.ankle.ask(set_point.channel, set_point.vacuum_pa, f"asked by {asked_by}")
+            self.streams.lead(stream, set_point.channel)
         self.ankle.regulate(0.0)
 
     def emergency_stop(self, *, stop: bool, now: Instant, publication: Publication = ONLY_PUBLISHER) -> None:
@@ -321,7 +247,7 @@ class Driver:
 
         There may be several publishers: one that says True suffices, and only itself, or its end, takes that back.
         """
-        self._emergency_stop.take(publication, now, stop=stop)
+        self.stop.take(publication, now, stop=stop)
         self._obey_stop()
 
     def clear_fault(self, now: Instant) -> str:
@@ -331,8 +257,8 @@ class Driver:
             RequestError: the emergency stop is still asked for. Nothing has changed.
 
         """
-        was_stopped = bool(self._emergency_stop.reason)
-        refusal = self._emergency_stop.clear(now)
+        was_stopped = bool(self.stop.reason)
+        refusal = self.stop.clear(now)
         if refusal:
             raise RequestError(refusal)
         faulty = self.ankle.faulty
@@ -352,7 +278,7 @@ class Driver:
         self._sensors.take(sample.place, valid=valid)
         if not valid:
             return
-        self.ankle.measure(sample, now, driven=self._active)
+        self.ankle.measure(sample, now, driven=self.active)
 
     def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
         """Take what the hardware says that it drives, from `stamp_s` on or still then, s, on the clock of the samples.
@@ -362,13 +288,10 @@ class Driver:
         self.ankle.evidence.acknowledge(driven, stamp_s)
 
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
-        """Take the state of the link: fail, or let go, with a board that does not answer or has let go by itself.
+        """Take the state of the link, and return whether the board's latched safe state is to be acknowledged now.
 
-        While a board that had let go has not yet taken the release nothing jams; a stream's set point then counts.
-
-        Returns:
-            Whether the board's latched safe state is to be acknowledged now.
-
+        Fail, or let go, with a board that does not answer or has let go by itself. While a board that had let go has
+        not yet taken the release nothing jams; a stream's set point then counts.
         """
         self._link = link
         if link.plant_restarts != self._plant_restarts:
@@ -385,7 +308,7 @@ class Driver:
             self.ankle.fail(self._names, verdict.fault)
         if verdict.let_go is not None:
             self.ankle.vent(verdict.let_go)
-            self._streams.forget()
+            self.streams.forget()
             self.ankle.regulate(0.0)
         if link.state is LinkState.LOST:
             self._forget_pressures()
@@ -393,46 +316,106 @@ class Driver:
 
     def watch_link(self, link: LinkStatus, now: Instant) -> None:
         """Count wrong check sums and the board's starts, several times a second; reported, and nothing is let go."""
-        self._line_noise = self._noise.look(link, now.steady_s)
-        self._restarted = self._restarts.look(link, now.steady_s)
+        self.line_noise = self._noise.look(link, now.steady_s)
+        self.restarted = self._restarts.look(link, now.steady_s)
 
     def follow_another_clock(self) -> None:
         """Forget when regular work was done last: the steady time of the next tick is of another clock."""
-        self._overload = OverloadWatch(self._settings.tick_period_s)
+        self.own_pace = OverloadWatch(TICK_PERIOD_S)
 
     def tick(self, now: Instant, stop_publishers: int | None = None) -> None:
         """Look at the clocks: let go, fail or stop what has gone silent. To be called several times a second.
 
-        Args:
-            now: The time.
-            stop_publishers: How many publishers emergency_stop has in the graph; None where that is not known.
-
+        `stop_publishers` are those that emergency_stop has in the graph; None where that is not known.
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
-        self._steady_s, self._ticked_s = now.steady_s, now.graph_s
+        self._ticked_s = now.graph_s
         self._sensors.tick(0.0 if self._plant_paused else passed_s, asked=self._link.exchanges > 0)
-        stood_s = self._overload.tick(now.steady_s)
+        stood_s = self.own_pace.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has received nothing, and nobody is to blame for that.
-            self._emergency_stop.excuse(stood_s)
-            self._streams.excuse(stood_s)
+            self.stop.excuse(stood_s)
+            self.streams.excuse(stood_s)
             self.ankle.stood_still()
-        self._sensors.look(self.ankle, active=self._active)
+        self._look_at_sensors()
         if self._sensors.unanswered:
             self._let_go_blind()
-        for name in self._streams.fall_silent(now):
-            verb = "unjammed" if self._settings.ankle.safe_state is SafeState.VENT else "held"
-            text = f"{verb}: no accepted jam_command for {self._streams.timeout_s:g} s (command_timeout_s)"
-            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self._streams.values))
-        if self._active:
-            self._emergency_stop.tick(stop_publishers, now)
+        for name in self.streams.fall_silent(now):
+            verb = "held" if self.parameters.holds else "unjammed"
+            text = f"{verb}: no accepted jam_command for {self.streams.timeout_s:g} s (command_timeout_s)"
+            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self.streams.values))
+        if self.active:
+            self.stop.tick(stop_publishers, now)
             self._obey_stop()
         self._permit_storing()
         self.ankle.regulate(0.0)
 
+    def _check_ready(self) -> None:
+        if not self.active:
+            msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
+            raise RequestError(msg)
+        if reason := self.stop.reason:
+            msg = f"emergency stop ({reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
+            raise RequestError(msg)
+        if board := self._why_not_ready:
+            msg = f"{board}: cannot jam; ask again"
+            raise RequestError(msg)
+
+    def _check_able(self, channels: Sequence[str]) -> None:
+        """Check that channels may be jammed as far as faults and sensors go."""
+        for name in channels:
+            channel = self.ankle.channels[name]
+            if channel.state is ChannelState.FAULT:
+                msg = f"channel '{name}' is in FAULT ({channel.why.text}); nothing was jammed"
+                raise RequestError(msg)
+            if not self.ankle.able(name):
+                failed = self.ankle.faulty[0]
+                msg = f"channel '{failed.name}' is in FAULT ({failed.why.text}); "
+                msg += "fault_policy is ankle: nothing was jammed"
+                raise RequestError(msg)
+            if channel.state is ChannelState.UNKNOWN:
+                msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
+                raise RequestError(msg)
+
     @property
-    def _trouble(self) -> Trouble:
-        return worst_trouble(self.ankle, self._sensors, self._link, self._line_noise, self.own_pace)
+    def trouble(self) -> Trouble:
+        """The worst that is known of the whole ankle."""
+        return self._trouble_of_ankle() or self._trouble_around()
+
+    def _trouble_of_ankle(self) -> Trouble | None:
+        """Return the worst of a fault, a lost board, and what was let go."""
+        ankle, link, faulty = self.ankle, self._link, self.ankle.faulty
+        acts = "kept as it was, pump off" if ankle.held else "vented"
+        if faulty:
+            names = ", ".join(each.name for each in faulty)
+            others = names if self.parameters.fails_alone else "every channel"
+            return Trouble(faulty[0].why, f"{others} {acts} until ~/clear_fault")
+        if link.state is LinkState.LOST:
+            text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
+            why = Finding(Reason.BOARD_UNPLUGGED, BOARD, text, link_numbers(link))
+            return Trouble(why, "nothing jams until it answers")
+        let_go = [channel for channel in ankle.channels.values() if channel.why.reason is not Reason.NONE]
+        if let_go:
+            names = ", ".join(channel.name for channel in let_go)
+            return Trouble(let_go[0].why, f"{names} {acts} until asked anew")
+        return None
+
+    def _trouble_around(self) -> Trouble:
+        """Return the worst of a silent manifold, a noisy line, and the own pace."""
+        sensors, noise, pace = self._sensors, self.line_noise, self.own_pace
+        if sensors.manifold_measured and self.ankle.manifold_vacuum_pa is None:
+            remedy = REMEDIES[Reason.SENSOR_DEAD]
+            text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {remedy}"
+            why = Finding(Reason.SENSOR_DEAD, MANIFOLD, text, sensors.values)
+            return Trouble(why, "the pump is regulated by the channels alone")
+        if noise is not None:
+            return Trouble(noise, "none: the line repeats what is lost")
+        if pace.overloaded:
+            stalls = f"it stood still {pace.stalls} times, at most {pace.longest_s:.2f} s"
+            text = f"the driver's work comes {pace.late_s:.3f} s late; {stalls}"
+            why = Finding(Reason.EXECUTOR_OVERLOADED, "driver", text, pace.values)
+            return Trouble(why, "none: the board lets go where that lasts")
+        return Trouble(Finding(Reason.NONE, "ankle", ""), "")
 
     @property
     def _why_not_ready(self) -> str:
@@ -447,29 +430,34 @@ class Driver:
             channel.forget_pressure()
         self.ankle.regulate(0.0)
 
+    def _look_at_sensors(self) -> None:
+        """Forget the pressures of silent sensors; while active, their channels fail."""
+        channels = self.ankle.channels
+        silent = self._sensors.fallen_silent([name for name in channels if channels[name].vacuum_pa is not None])
+        if (silent and self._sensors.all_silent) or self._sensors.silent(MANIFOLD):
+            self.ankle.manifold_vacuum_pa = None
+        for name in silent:
+            channels[name].forget_pressure()
+        if silent and self.active:
+            self.ankle.fail(silent, self._sensors.why(silent))
+
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""
         text = f"let go: no answer of the board for {self._sensors.timeout_s:g} s (pressure_timeout_s)"
         self.ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
-        self._streams.forget()
+        self.streams.forget()
         self._forget_pressures()
-
-    def _can_follow(self, channel: str) -> bool:
-        return not self._emergency_stop.reason and self.ankle.able(channel)
 
     def _holds_another(self, asked: SetPoint) -> bool:
         held_pa = self.ankle.channels[asked.channel].set_point_pa
         return asked.vacuum_pa > 0.0 and held_pa not in (0.0, asked.vacuum_pa)
 
-    def _take(self, set_point: SetPoint, reason: str) -> None:
-        self.ankle.ask(set_point.channel, set_point.vacuum_pa, reason)
-
     def _permit_storing(self) -> None:
-        able = self._active and not self._emergency_stop.reason and not self._why_not_ready
+        able = self.active and not self.stop.reason and not self._why_not_ready
         self.ankle.may_store = able and not self._plant_paused
 
     def _obey_stop(self) -> None:
-        reason = self._emergency_stop.reason
+        reason = self.stop.reason
         self._permit_storing()
         if not reason or self._stopped:
             return
@@ -478,119 +466,5 @@ class Driver:
         for name in self._names:
             if not self.ankle.held:
                 self.ankle.channels[name].ask(0.0, f"emergency stop: {reason}")
-            self._streams.release(name)
+            self.streams.release(name)
         self.ankle.regulate(0.0)
-
-
-def check_ready(*, active: bool, stop_reason: str, board: str) -> None:
-    """Check that a driver may jam at all.
-
-    Args:
-        active: Whether it follows requests.
-        stop_reason: Why everything is stopped; empty where it is not.
-        board: Why the board takes no jam now; empty where it does.
-
-    Raises:
-        RequestError: it may not.
-
-    """
-    if not active:
-        msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
-        raise RequestError(msg)
-    if stop_reason:
-        msg = f"emergency stop ({stop_reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
-        raise RequestError(msg)
-    if board:
-        msg = f"{board}: cannot jam; ask again"
-        raise RequestError(msg)
-
-
-def check_able(ankle: Ankle, channels: Sequence[str]) -> None:
-    """Check that channels may be jammed as far as faults and sensors go.
-
-    Raises:
-        RequestError: one is in FAULT or, by the policy, another one is; or its pressure is not measured.
-
-    """
-    for name in channels:
-        status = ankle.channels[name].status
-        if status.state is ChannelState.FAULT:
-            msg = f"channel '{name}' is in FAULT ({status.reason}); nothing was jammed"
-            raise RequestError(msg)
-        if not ankle.able(name):
-            failed = ankle.faulty[0].status
-            msg = f"channel '{failed.name}' is in FAULT ({failed.reason}); fault_policy is ankle: nothing was jammed"
-            raise RequestError(msg)
-        if status.state is ChannelState.UNKNOWN:
-            msg = f"no pressure of channel '{name}' is measured; start the hardware or simulation first"
-            raise RequestError(msg)
-
-
-def check_carried_out(status: DriverStatus, channels: Sequence[str], link: LinkStatus | None) -> None:
-    """Check that a release which was just commanded can take place.
-
-    Args:
-        status: What the driver knows.
-        channels: Channels that were released; none named: all.
-        link: What is known of the hardware's other end.
-
-    Raises:
-        RequestError: nobody is there to carry it out, or a channel does not vent.
-
-    """
-    if link is not None and link.state is not LinkState.CONNECTED:
-        way_out = "a board with a watchdog lets go by itself; cut the supply of any other"
-        msg = f"released, but the board gets no command ({link.detail}): {way_out}"
-        raise RequestError(msg)
-    for channel in status.channels:
-        if channels and channel.name not in channels:
-            continue
-        if channel.fault is Reason.BOARD_UNPLUGGED:
-            msg = f"released, but no sensor answers, so nobody may be there to do it: {channel.reason}"
-            raise RequestError(msg)
-        if channel.fault in {Reason.VALVE_STUCK_OPEN, Reason.NOT_VENTED}:
-            msg = f"released, but {channel.name} does not vent: {channel.reason}"
-            raise RequestError(msg)
-
-
-def worst_trouble(
-    ankle: Ankle, sensors: SensorWatch, link: LinkStatus, line_noise: Finding | None, own_pace: OverloadStatus
-) -> Trouble:
-    """Return the worst: a fault, a lost board, what was let go, a silent manifold, a noisy line, the own pace."""
-    return _of_ankle(ankle, link) or _of_what_is_around(ankle, sensors, line_noise, own_pace)
-
-
-def _of_ankle(ankle: Ankle, link: LinkStatus) -> Trouble | None:
-    faulty = ankle.faulty
-    acts = "kept as it was, pump off" if ankle.held else "vented"
-    if faulty:
-        names = ", ".join(each.name for each in faulty)
-        others = "every channel" if ankle.settings.fault_policy is FaultPolicy.ANKLE else names
-        worst = faulty[0].status
-        return Trouble(worst.fault, worst.reason, f"{others} {acts} until ~/clear_fault", worst.values)
-    if link.state is LinkState.LOST:
-        text = f"the board does not answer ({link.detail}): {REMEDIES[Reason.BOARD_UNPLUGGED]}"
-        return Trouble(Reason.BOARD_UNPLUGGED, text, "nothing jams until it answers", link_numbers(link))
-    let_go = [channel for channel in ankle.channels.values() if channel.fault is not Reason.NONE]
-    if let_go:
-        names = ", ".join(channel.name for channel in let_go)
-        worst = let_go[0].status
-        return Trouble(worst.fault, worst.reason, f"{names} {acts} until asked anew", worst.values)
-    return None
-
-
-def _of_what_is_around(
-    ankle: Ankle, sensors: SensorWatch, line_noise: Finding | None, own_pace: OverloadStatus
-) -> Trouble:
-    if sensors.manifold_measured and ankle.manifold_vacuum_pa is None:
-        text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {REMEDIES[Reason.SENSOR_DEAD]}"
-        return Trouble(Reason.SENSOR_DEAD, text, "the pump is regulated by the channels alone", sensors.values)
-    if line_noise is not None:
-        action = "none: the line repeats what is lost"
-        return Trouble(line_noise.reason, line_noise.text, action, line_noise.values)
-    if own_pace.overloaded:
-        stalls = f"it stood still {own_pace.stalls} times, at most {own_pace.longest_s:.2f} s"
-        text = f"the driver's work comes {own_pace.late_s:.3f} s late; {stalls}"
-        action = "none: the board lets go where that lasts"
-        return Trouble(Reason.EXECUTOR_OVERLOADED, text, action, own_pace.values)
-    return Trouble()

@@ -58,14 +58,10 @@ REMEDIES: dict[Reason, str] = {
 
 @dataclass(frozen=True)
 class Finding:
-    """A fault that was found, or why something was let go.
+    """A fault that was found, or why something was let go (NONE where somebody asked for it, as by an emergency stop).
 
-    Attributes:
-        reason: What has failed; NONE where somebody asked for it, as by an emergency stop.
-        place: Channel or manifold, or what else was looked at, such as the board.
-        text: One line: what was seen, with numbers, and what to look at.
-        values: Numbers for people, with units in the key.
-
+    The place is a channel, the manifold, or what else was looked at, such as the board. The text is one line: what was
+    seen, with numbers, and what to look at. Values are numbers for people, with units in the key.
     """
 
     reason: Reason

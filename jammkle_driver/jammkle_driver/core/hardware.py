@@ -21,7 +21,7 @@ class PressureSample:
         place: Name of a channel, or `MANIFOLD`.
         pressure_pa: What was measured, Pa absolute; not finite where the sensor gave no number. Of a sensor that
             measures vacuum, the declared pressure of the atmosphere less that: the driver finds the true one itself.
-        stamp_s: When it was measured, s: of the graph's clock where the link is `simulated`, else of the steady clock.
+        stamp_s: When it was measured, s: of the graph's clock from a simulation, else of the steady clock.
         counted: Whether it was counted from the declared pressure of the atmosphere: a sensor of vacuum.
         timely: Whether `stamp_s` is as sure as usual; else it regulates, and is no evidence of a fault.
 
@@ -109,7 +109,6 @@ class LinkStatus:
         rate_hz: Rate at which outputs and all sensors are exchanged; None where it is not known.
         plant_restarts: How often what is behind the outputs was put back to its start, as a simulation is.
         paused: Whether what is behind the outputs stands still although the clock may go on, as a simulation may.
-        simulated: Whether the other end lives in the graph's time, which may stand still or run fast.
 
     """
 
@@ -128,7 +127,6 @@ class LinkStatus:
     rate_hz: float | None = None
     plant_restarts: int = 0
     paused: bool = False
-    simulated: bool = False
 
 
 class Hardware(Protocol):

@@ -109,18 +109,6 @@ class Layout:
         self.drift = 4 * volumes
         self.end = 4 * volumes + 1
 
-    def offset(self, place: int) -> int:
-        """Index of a sensor's offset."""
-        return self.volumes + place
-
-    def line(self, place: int) -> int:
-        """Index of a channel's line; the first channel is place 1."""
-        return 2 * self.volumes + place
-
-    def leak(self, place: int) -> int:
-        """Index of a volume's leak."""
-        return 3 * self.volumes + place
-
 
 def all_hypotheses(volumes: int) -> tuple[Hypothesis, ...]:
     """Return the healthy ankle, and then everything that may have failed."""
@@ -179,15 +167,15 @@ class Tables:
     def _write(self, model: int, hypothesis: Hypothesis) -> None:
         place, reason, layout = hypothesis.place, hypothesis.reason, self.layout
         ranges = {
-            Reason.LEAK: (layout.leak(place), LARGE_LEAK if hypothesis.sudden else SMALL_LEAK),
-            Reason.BLOCKED_LINE: (layout.line(place), BLOCKED_LINE),
+            Reason.LEAK: (layout.leaks.start + place, LARGE_LEAK if hypothesis.sudden else SMALL_LEAK),
+            Reason.BLOCKED_LINE: (layout.lines.start + place - 1, BLOCKED_LINE),
             Reason.PUMP_WEAK: (layout.pump, WEAK_PUMP),
             Reason.PUMP_DEAD: (layout.pump, DEAD_PUMP),
         }
         if reason in ranges:
             self._move(model, *ranges[reason])
         elif reason is Reason.SENSOR_DRIFTING:
-            offset = layout.offset(place)
+            offset = layout.offsets.start + place
             self.least[model, offset], self.most[model, offset] = -np.inf, np.inf
             if hypothesis.sudden:
                 self.jump[model, offset] = JUMP_PA

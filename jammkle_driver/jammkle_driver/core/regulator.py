@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_driver.core.air import REFERENCE_PA
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
+
+    from jammkle_driver.parameters import DriverParameters
 
 _DUTY_STEPS = 255
 """Duty is rounded to steps of an 8-bit PWM register, which keeps sensor noise off the topic."""
@@ -20,49 +21,24 @@ _NEARLY_ALL = 0.9
 LATE_S = 0.03
 """Time between two readings from which they come late, s: three cycles of a line at 100 Hz."""
 
+_CHANNEL_LEAD = 0.5
+"""How far any channel may be below the set point while another follows, over the band above which its solenoid is
+released: one that never follows must not make the others vent."""
+
 _LONGEST_STEP_S = 0.1
 """Longest time over which one sample counts for the integral, s; more is a gap in the data. Assumed."""
-
-
-@dataclass(frozen=True)
-class RegulatorSettings:
-    """How vacuum is regulated.
-
-    Attributes:
-        proportional_gain_per_pa: Duty per Pa of missing vacuum, 1/Pa.
-        integral_time_s: Time in which the integral repeats the proportional part, s.
-        manifold_lead_pa: How far the manifold may be below the set point while a tendon follows, Pa.
-        channel_lead_pa: How far any channel may be below the set point while another follows, Pa. Half of the band
-            above which its solenoid is released: one that never follows must not make the others vent.
-        stored_vacuum_pa: Vacuum to which a reservoir is evacuated while nothing is jammed, Pa; 0: there is none.
-        rest_band_pa: How far the vacuum may fall before a pump that rests works again, Pa.
-        rated_duty: Mean duty that the pump bears for ever, 0 to 1.
-        thermal_time_s: Time constant in which it warms up, s.
-
-    """
-
-    proportional_gain_per_pa: float
-    integral_time_s: float
-    manifold_lead_pa: float
-    rest_band_pa: float = 700.0
-    rated_duty: float = 1.0
-    thermal_time_s: float = 60.0
-    channel_lead_pa: float = math.inf
-    stored_vacuum_pa: float = 0.0
 
 
 class PumpRegulator:
     """PI regulator from measured vacuum to pump duty, bounded 0 to 1, with conditional integration.
 
-    Attributes:
-        full_s: For how long the pump has worked at full duty for one set point, without coming to it, s.
-        resting: Whether the set point is held without the pump.
-
+    `full_s` is for how long the pump has worked at full duty for one set point without coming to it, s; `resting`,
+    whether the set point is held without the pump.
     """
 
-    def __init__(self, settings: RegulatorSettings) -> None:
+    def __init__(self, parameters: DriverParameters) -> None:
         """Make a regulator at rest."""
-        self._settings = settings
+        self._parameters = parameters
         self._integral = 0.0
         self.resting = False
         self._set_point_pa = 0.0
@@ -100,21 +76,21 @@ class PumpRegulator:
                 the duty is lower then, so that the set point is not passed meanwhile. 0: they come in time.
 
         """
-        settings = self._settings
+        parameters = self._parameters
         if manifold_vacuum_pa is not None:
             deepest_vacuum_pa = min(deepest_vacuum_pa, manifold_vacuum_pa)
-        spare_pa = set_point_pa + settings.channel_lead_pa - deepest_vacuum_pa
+        spare_pa = set_point_pa + _CHANNEL_LEAD * parameters.tolerance_pa - deepest_vacuum_pa
         error_pa = min(set_point_pa - channel_vacuum_pa, spare_pa)
         # A tight ankle holds its vacuum by itself; a pump that trickles would wear out for nothing.
-        self.resting = error_pa <= (settings.rest_band_pa if self.resting else 0.0)
+        self.resting = error_pa <= (parameters.pump_rest_band_pa if self.resting else 0.0)
         if self.resting:
             self._integral = self.full_s = 0.0
             return 0.0
         if manifold_vacuum_pa is not None:
-            error_pa = min(error_pa, set_point_pa + settings.manifold_lead_pa - manifold_vacuum_pa)
-        proportional = settings.proportional_gain_per_pa * error_pa
+            error_pa = min(error_pa, set_point_pa + parameters.manifold_lead_pa - manifold_vacuum_pa)
+        proportional = parameters.regulator_gain_per_pa * error_pa
         passed_s = min(max(elapsed_s, 0.0), _LONGEST_STEP_S)
-        step = proportional * passed_s / settings.integral_time_s
+        step = proportional * passed_s / parameters.regulator_integral_time_s
         unbounded = proportional + self._integral + step
         # Anti-windup: at a bound, only a step that leads back from it counts.
         saturated = (unbounded > 1.0 and step > 0.0) or (unbounded < 0.0 and step < 0.0)
@@ -129,47 +105,27 @@ class PumpRegulator:
 
 
 class PumpLoad:
-    """How warm the pump is, by a first-order model of its mean duty: what it bears for ever is `rated_duty`.
+    """How warm the pump is, by a first-order model of its mean duty: what it bears for ever is `pump_rated_duty`.
 
-    Short work at full duty is free; the duty is held to the rated one once the mean has come up to it, and until it
-    has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the losses).
-
-    Attributes:
-        mean_duty: Mean duty over the thermal time constant, 0 to 1.
-        limited: Whether the pump is being spared.
-
+    Short work at full duty is free; the pump is `limited` to the rated one once the mean has come up to it, and until
+    that has fallen by a tenth (the usual I^2 t protection of drives, IEC 60034-1 duty type S3, with duty for the
+    losses).
     """
 
-    def __init__(self, settings: RegulatorSettings) -> None:
+    def __init__(self, parameters: DriverParameters) -> None:
         """Make a cold pump."""
-        self._settings = settings
+        self._parameters = parameters
         self.mean_duty = 0.0
         self.limited = False
 
     def spare(self, duty: float, elapsed_s: float) -> float:
         """Return the duty that the pump may have, 0 to 1, `elapsed_s` s after the last one."""
-        rated = self._settings.rated_duty
+        rated = self._parameters.pump_rated_duty
         self.limited = self.mean_duty >= (0.9 * rated if self.limited else rated)
         allowed = min(duty, 0.9 * rated) if self.limited and rated < 1.0 else duty
-        share = min(max(elapsed_s, 0.0) / self._settings.thermal_time_s, 1.0)
+        share = min(max(elapsed_s, 0.0) / self._parameters.pump_thermal_time_s, 1.0)
         self.mean_duty += share * (allowed - self.mean_duty)
         return allowed
-
-
-@dataclass(frozen=True)
-class Connected:
-    """A channel that is connected to the manifold and holds more than its set point.
-
-    Attributes:
-        name: The channel.
-        volume_m3: Its air, m^3.
-        excess_pa: How far it is above the set point, Pa.
-
-    """
-
-    name: str
-    volume_m3: float
-    excess_pa: float
 
 
 class ExcessVent:
@@ -189,40 +145,34 @@ class ExcessVent:
     LONGEST_WAIT_S = 0.5
     """How long readings that come late, in which a valve would let in too much, are waited out, s."""
 
-    def __init__(self, conductance_m3_s_pa: float) -> None:
-        """Vent through valves of this sonic conductance, m^3/(s Pa)."""
+    def __init__(self, volumes_m3: Mapping[str, float], conductance_m3_s_pa: float) -> None:
+        """Vent channels of these volumes, m^3, through valves of this sonic conductance, m^3/(s Pa)."""
+        self._volumes_m3 = volumes_m3
         self._inflow_pa_m3_s = conductance_m3_s_pa * REFERENCE_PA * REFERENCE_PA
         self._pulsed_at_s = -math.inf
         self._excessive_since_s: float | None = None
 
     def pulse(
-        self, excessive: Sequence[Connected], volume_m3: float, stamp_s: float, period_s: float
+        self, excesses_pa: Mapping[str, float], connected_m3: float, stamp_s: float, period_s: float
     ) -> frozenset[str]:
-        """Return the channels that vent until the next reading.
+        """Return the channels that vent from `stamp_s` until the next reading, `period_s` later.
 
-        Args:
-            excessive: Channels that hold too much.
-            volume_m3: All air that is connected, m^3.
-            stamp_s: When they were read, s.
-            period_s: Time until the next reading, s.
-
+        `excesses_pa` are of the channels that are connected and above the set point; `connected_m3` is all air that is
+        connected.
         """
-        if not excessive:
+        if not excesses_pa:
             self._excessive_since_s = None
             return frozenset()
         if self._excessive_since_s is None or stamp_s < self._excessive_since_s:
             self._excessive_since_s = stamp_s
         if 0.0 <= stamp_s - self._pulsed_at_s < self.SETTLE_S:
             return frozenset()
-        by_one_pa = self._inflow_pa_m3_s * period_s / volume_m3
-        excess_pa = min(each.excess_pa for each in excessive)
-        if (
-            by_one_pa > 2.0 * excess_pa
-            and period_s > LATE_S
-            and stamp_s - self._excessive_since_s < self.LONGEST_WAIT_S
-        ):
+        by_one_pa = self._inflow_pa_m3_s * period_s / connected_m3
+        excess_pa = min(excesses_pa.values())
+        too_much = by_one_pa > 2.0 * excess_pa and period_s > LATE_S
+        if too_much and stamp_s - self._excessive_since_s < self.LONGEST_WAIT_S:
             return frozenset()
         self._pulsed_at_s = stamp_s
         count = max(1, int(excess_pa / by_one_pa))
-        largest_first = sorted(excessive, key=lambda each: -each.volume_m3)
-        return frozenset(each.name for each in largest_first[:count])
+        largest_first = sorted(excesses_pa, key=lambda name: -self._volumes_m3[name])
+        return frozenset(largest_first[:count])

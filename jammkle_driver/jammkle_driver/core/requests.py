@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import reprlib
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-from jammkle_driver.core.watchdog import Instant, Watchdog
+from jammkle_driver.core.watch import Instant, Watchdog
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from jammkle_driver.parameters import DriverParameters
 
 
 _LONGEST_SHOWN = 60
@@ -23,30 +25,8 @@ class RequestError(ValueError):
 
 
 @dataclass(frozen=True)
-class VacuumLimits:
-    """Vacuum that may be asked for.
-
-    Attributes:
-        minimum_pa: Least vacuum to jam with, Pa.
-        maximum_pa: Most vacuum to jam with, Pa.
-        default_pa: Vacuum of a request that names none, Pa.
-
-    """
-
-    minimum_pa: float
-    maximum_pa: float
-    default_pa: float
-
-
-@dataclass(frozen=True)
 class SetPoint:
-    """What one channel shall do.
-
-    Attributes:
-        channel: Name of the channel.
-        vacuum_pa: Vacuum to hold, Pa, gauge, positive; 0 = unjam.
-
-    """
+    """What one channel shall do: the vacuum to hold, Pa, gauge, positive; 0 = unjam."""
 
     channel: str
     vacuum_pa: float
@@ -66,26 +46,27 @@ def checked_channels(asked: Sequence[str], known: Sequence[str]) -> tuple[str, .
     return tuple(name for name in known if name in asked) if asked else tuple(known)
 
 
-def checked_vacuum(vacuum_pa: float, limits: VacuumLimits) -> float:
+def checked_vacuum(vacuum_pa: float, parameters: DriverParameters) -> float:
     """Return the vacuum to jam with, Pa; 0 stands for the default.
 
     Raises:
         RequestError: not a number, or out of range.
 
     """
+    least_pa, most_pa, default_pa = parameters.min_vacuum_pa, parameters.max_vacuum_pa, parameters.default_vacuum_pa
     if vacuum_pa == 0.0:
-        return limits.default_pa
-    if not (math.isfinite(vacuum_pa) and limits.minimum_pa <= vacuum_pa <= limits.maximum_pa):
+        return default_pa
+    if not least_pa <= vacuum_pa <= most_pa:
         msg = (
-            f"vacuum_pa is {vacuum_pa:g}; it must be {limits.minimum_pa:g} to {limits.maximum_pa:g} Pa "
-            f"below ambient, or 0 for the default of {limits.default_pa:g} Pa"
+            f"vacuum_pa is {vacuum_pa:g}; it must be {least_pa:g} to {most_pa:g} Pa "
+            f"below ambient, or 0 for the default of {default_pa:g} Pa"
         )
         raise RequestError(msg)
     return vacuum_pa
 
 
 def checked_set_points(
-    set_points: Sequence[SetPoint], known: Sequence[str], limits: VacuumLimits
+    set_points: Sequence[SetPoint], known: Sequence[str], parameters: DriverParameters
 ) -> tuple[SetPoint, ...]:
     """Return the set points unchanged if every one of them can be taken.
 
@@ -101,11 +82,11 @@ def checked_set_points(
             msg = f"channel '{set_point.channel}' is named twice; name each channel once"
             raise RequestError(msg)
         named.add(set_point.channel)
-        in_range = math.isfinite(set_point.vacuum_pa) and limits.minimum_pa <= set_point.vacuum_pa <= limits.maximum_pa
-        if set_point.vacuum_pa != 0.0 and not in_range:
+        least_pa, most_pa = parameters.min_vacuum_pa, parameters.max_vacuum_pa
+        if set_point.vacuum_pa != 0.0 and not least_pa <= set_point.vacuum_pa <= most_pa:
             msg = (
                 f"vacuum_pa of '{set_point.channel}' is {set_point.vacuum_pa:g}; "
-                f"it must be 0 to unjam, or {limits.minimum_pa:g} to {limits.maximum_pa:g} Pa below ambient"
+                f"it must be 0 to unjam, or {least_pa:g} to {most_pa:g} Pa below ambient"
             )
             raise RequestError(msg)
     jams = [set_point for set_point in set_points if set_point.vacuum_pa > 0.0]
@@ -120,17 +101,12 @@ def checked_set_points(
 
 
 def check_shared_vacuum(set_points: Sequence[SetPoint], held_pa: Mapping[str, float]) -> None:
-    """Check that all channels still share one vacuum once the set points are taken.
+    """Check that all channels still share one vacuum once the set points, which jam with one at most, are taken.
 
     One pump, one manifold and valves that only connect or vent cannot hold two vacuums at once.
 
-    Args:
-        set_points: What would be taken; its vacuums are 0 or one and the same.
-        held_pa: Vacuum asked for until now, per channel, Pa; 0 = unjam.
-
     Raises:
         RequestError: a channel that the set points leave alone is jammed to another vacuum.
-
     """
     named = {set_point.channel for set_point in set_points}
     for vacuum_pa in {set_point.vacuum_pa for set_point in set_points if set_point.vacuum_pa > 0.0}:
@@ -168,14 +144,10 @@ _REMEMBERED = 256
 
 
 class Publication(NamedTuple):
-    """What the middleware says of a message.
+    """What the middleware says of a message: which of its publisher's it is, and how many of those the topic has now.
 
-    Attributes:
-        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count, so that all
-            publishers are taken for one.
-        sent_ns: When it was published, ns since 1970 by the publisher's clock.
-        publishers: How many publishers the topic has now.
-
+    `number` counts from 1; it is 0 where the middleware does not count, so that all publishers are taken for one.
+    `sent_ns` is since 1970 by the publisher's clock.
     """
 
     number: int = 0
@@ -189,15 +161,9 @@ ONLY_PUBLISHER = Publication()
 
 @dataclass
 class Publisher(Generic[Value]):
-    """One of a topic's publishers.
+    """One of a topic's publishers: its last message, when that was received in the driver's time, and what it said.
 
-    Attributes:
-        number: Number of its last message.
-        sent_ns: When that was published, ns.
-        received_s: When that was received, s of the driver's time.
-        value: What it said.
-        gone: Whether it is no longer in the graph.
-
+    It is gone where it is no longer in the graph.
     """
 
     number: int
@@ -211,31 +177,17 @@ class Publishers(Generic[Value]):
     """Those of one topic that have sent something."""
 
     def __init__(self, keep: Value | None = None) -> None:
-        """Know of none.
-
-        Args:
-            keep: Whoever said this last is the last to count as gone.
-
-        """
+        """Know of none; whoever said `keep` last is the last to count as gone."""
         self._keep = keep
         self.all: list[Publisher[Value]] = []
         self._seen: deque[tuple[int, int]] = deque(maxlen=_REMEMBERED)
         self._too_many_since_s: float | None = None
 
     def take(self, value: Value, publication: Publication, now_s: float) -> Publisher[Value] | None:
-        """Return the publisher of a message, its value and time noted.
+        """Return the publisher of a message, its value and time noted; None for one received before, or late.
 
         Of several that it may be from, it is the one that has said the same before, and of those the one that has been
         silent the longest: one that says true is never taken back by a false of somebody else.
-
-        Args:
-            value: What the message says.
-            publication: What the middleware says of it.
-            now_s: Time, s.
-
-        Returns:
-            Whose it is; None for a message that was received before, or is older than its publisher's last.
-
         """
         number, sent_ns, publishers = publication
         self.count(publishers, now_s)
@@ -293,60 +245,27 @@ class Publishers(Generic[Value]):
         return sum(not each.gone for each in self.all) >= publication.publishers
 
 
+@dataclass(eq=False)
 class CommandStream:
-    """Remembers what one publisher said last, per channel, and which channels follow it.
+    """What one publisher of set points said last, per channel, Pa, and which channels follow it.
 
     Before its first message, and after it went silent, a stream counts as wishing nothing (0 Pa everywhere),
     so that one that begins with 0 takes nothing away from a channel that a service jammed.
     """
 
-    def __init__(self, timeout_s: float) -> None:
-        """Make a stream that has said nothing; it is silent after `timeout_s` s."""
-        self._watchdog = Watchdog(timeout_s)
-        self._last: dict[str, float] = {}
-        self._followers: set[str] = set()
+    publisher: Publisher[tuple[SetPoint, ...]]
+    life: Watchdog
+    last_pa: dict[str, float] = field(default_factory=dict)
+    followers: set[str] = field(default_factory=set)
 
     def changes(self, set_points: Sequence[SetPoint]) -> tuple[SetPoint, ...]:
         """Return the set points that would be new."""
-        return tuple(
-            set_point for set_point in set_points if set_point.vacuum_pa != self._last.get(set_point.channel, 0.0)
-        )
+        return tuple(each for each in set_points if each.vacuum_pa != self.last_pa.get(each.channel, 0.0))
 
     def take(self, set_points: Sequence[SetPoint], now: Instant) -> None:
         """Take one message: a sign of life, and none of its set points is new any more."""
-        self._watchdog.feed(now)
-        self._last.update({set_point.channel: set_point.vacuum_pa for set_point in set_points})
-
-    def lead(self, channel: str) -> None:
-        """Note that the channel follows the stream."""
-        self._followers.add(channel)
-
-    def release(self, channel: str) -> None:
-        """Note that the channel follows something else, or nothing."""
-        self._followers.discard(channel)
-
-    def fall_silent(self, now: Instant) -> tuple[str, ...]:
-        """Return the channels to vent because the stream has just fallen silent; mostly none."""
-        if not self._watchdog.expired(now):
-            return ()
-        followers = tuple(sorted(self._followers))
-        self.forget()
-        return followers
-
-    @property
-    def alive(self) -> bool:
-        """Whether it has been accepted, and has not fallen silent since."""
-        return self._watchdog.fed
-
-    def excuse(self, stood_s: float) -> None:
-        """Leave out a time in which nothing could have come; see `Watchdog.excuse`."""
-        self._watchdog.excuse(stood_s)
-
-    def forget(self) -> None:
-        """Behave as if nothing had been said."""
-        self._watchdog.forget()
-        self._last.clear()
-        self._followers.clear()
+        self.life.feed(now)
+        self.last_pa.update({set_point.channel: set_point.vacuum_pa for set_point in set_points})
 
 
 class CommandStreams:
@@ -359,7 +278,7 @@ class CommandStreams:
         """Know of no publisher; each is silent after `timeout_s` s."""
         self.timeout_s = timeout_s
         self._publishers: Publishers[tuple[SetPoint, ...]] = Publishers()
-        self._streams: dict[int, tuple[Publisher[tuple[SetPoint, ...]], CommandStream]] = {}
+        self._streams: list[CommandStream] = []
 
     @property
     def values(self) -> dict[str, str]:
@@ -369,7 +288,7 @@ class CommandStreams:
     @property
     def speaking(self) -> int:
         """How many publishers have been accepted and are not silent."""
-        return sum(stream.alive for _, stream in self._streams.values())
+        return sum(stream.life.fed for stream in self._streams)
 
     def of(self, set_points: Sequence[SetPoint], publication: Publication, now: Instant) -> CommandStream | None:
         """Return the stream that a message is part of; None where it was received before."""
@@ -377,31 +296,32 @@ class CommandStreams:
         self._publishers.forget_gone()
         if publisher is None:
             return None
-        return self._streams.setdefault(id(publisher), (publisher, CommandStream(self.timeout_s)))[1]
+        for stream in self._streams:
+            if stream.publisher is publisher:
+                return stream
+        self._streams.append(CommandStream(publisher, Watchdog(self.timeout_s)))
+        return self._streams[-1]
 
     def lead(self, stream: CommandStream, channel: str) -> None:
         """Note that the channel follows this stream, and no other."""
         self.release(channel)
-        stream.lead(channel)
+        stream.followers.add(channel)
 
     def release(self, channel: str) -> None:
         """Note that the channel follows no stream."""
-        for _, stream in self._streams.values():
-            stream.release(channel)
+        for stream in self._streams:
+            stream.followers.discard(channel)
 
     def fall_silent(self, now: Instant) -> tuple[str, ...]:
         """Return the channels to vent because their stream has just fallen silent; mostly none."""
-        vented: list[str] = []
-        for key, (_, stream) in tuple(self._streams.items()):
-            vented += stream.fall_silent(now)
-            if not stream.alive:
-                del self._streams[key]
-        return tuple(sorted(vented))
+        silent = [stream for stream in self._streams if stream.life.expired(now)]
+        self._streams = [stream for stream in self._streams if stream.life.fed and stream not in silent]
+        return tuple(sorted(channel for stream in silent for channel in stream.followers))
 
     def excuse(self, stood_s: float) -> None:
         """Leave out a time in which nothing could have come; see `Watchdog.excuse`."""
-        for _, stream in self._streams.values():
-            stream.excuse(stood_s)
+        for stream in self._streams:
+            stream.life.excuse(stood_s)
 
     def forget(self) -> None:
         """Behave as if nothing had been said."""
@@ -412,12 +332,7 @@ class EmergencyStop:
     """Says why everything is to be stopped; the reason stays until it is cleared."""
 
     def __init__(self, timeout_s: float) -> None:
-        """Ask for nothing.
-
-        Args:
-            timeout_s: Silence of any publisher that is a stop, s; 0: silence is none.
-
-        """
+        """Ask for nothing; silence of any publisher for `timeout_s` is a stop (0: none is)."""
         self._timeout_s = timeout_s or math.inf
         self._silence = Watchdog(self._timeout_s)
         """Of all of them, where there may be none."""
@@ -453,13 +368,7 @@ class EmergencyStop:
             self._publishers.forget_gone()
 
     def tick(self, publishers: int | None, now: Instant) -> None:
-        """Look for publishers that have fallen silent or have left.
-
-        Args:
-            publishers: How many the topic has in the graph; None where that is not known.
-            now: The time.
-
-        """
+        """Look for publishers that have fallen silent or have left; None: their number is not known."""
         if publishers is not None:
             self._publishers.count(publishers, now.graph_s)
         if self.reason:

@@ -1,4 +1,4 @@
-"""What silence means: of the board behind the link, and of single sensors."""
+"""What silence, noise and lateness mean: of board, line and sensors, of who commands, and of the driver itself."""
 
 from __future__ import annotations
 
@@ -13,7 +13,104 @@ from jammkle_driver.core.hardware import MANIFOLD, LinkState, LinkStatus, ResetC
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from jammkle_driver.core.ankle import Ankle
+
+@dataclass(frozen=True)
+class Instant:
+    """One moment.
+
+    Attributes:
+        steady_s: How far real time has come, s: shows whether the driver keeps up. In lockstep with a simulation it is
+            `graph_s`, as that waits for a driver that is late.
+        graph_s: The time that the ankle lives in, s, in which everything is timed: of a simulation the graph's clock
+            (ROS time), which stands still while it is paused; of real hardware the steady clock.
+
+    """
+
+    steady_s: float
+    graph_s: float
+
+
+class Watchdog:
+    """Expires when more than `timeout_s` has passed since it was last fed, in the time that the ankle lives in."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """Make a watchdog that was never fed, and so never expires."""
+        self.timeout_s = timeout_s
+        self._fed_s: float | None = None
+
+    @property
+    def fed(self) -> bool:
+        """Whether there ever was a sign of life."""
+        return self._fed_s is not None
+
+    def feed(self, now: Instant) -> None:
+        """Note a sign of life."""
+        self._fed_s = now.graph_s
+
+    def excuse(self, stood_s: float) -> None:
+        """Leave out `stood_s` s in which the one who listens stood still itself, and could notice nothing."""
+        if self._fed_s is not None:
+            self._fed_s += stood_s
+
+    def expired(self, now: Instant) -> bool:
+        """Return True if the last sign of life is older than the timeout."""
+        if self._fed_s is None:
+            return False
+        # A simulation that was started anew sets the graph's clock back; silence is then counted from there.
+        self._fed_s = min(self._fed_s, now.graph_s)
+        return now.graph_s - self._fed_s > self.timeout_s
+
+
+_STALL_PERIODS = 5.0
+"""Periods without work after which the driver itself has stood still: as a board's watchdog of 200 ms sees it."""
+
+_FOLLOW = 0.05
+"""Weight of the latest period in the mean lateness: about a second of 20 Hz."""
+
+_LATE_SHARE = 0.5
+"""Mean lateness, in periods, from which the executor is overloaded. Assumed: work then comes at two thirds its rate."""
+
+_REMEMBERED_S = 5.0
+"""How long a stall is reported after it has ended, s."""
+
+
+class OverloadWatch:
+    """Looks at the times between two pieces of regular work, on the steady clock: mean lateness, and standstills."""
+
+    def __init__(self, period_s: float) -> None:
+        """Make one for work that should come every `period_s` s."""
+        self._period_s = period_s
+        self._last_s: float | None = None
+        self._reported_until_s = -math.inf
+        self.late_s = self.longest_s = 0.0
+        self.stalls = 0
+
+    def tick(self, steady_s: float) -> float:
+        """Note that work is done now; return for how long the driver had stood still, s, mostly 0."""
+        since_s = self._period_s if self._last_s is None else steady_s - self._last_s
+        self._last_s = steady_s
+        if since_s > _STALL_PERIODS * self._period_s:
+            self.stalls += 1
+            self.longest_s = max(self.longest_s, since_s)
+            self._reported_until_s = steady_s + _REMEMBERED_S
+            return since_s
+        self.late_s += _FOLLOW * (max(since_s - self._period_s, 0.0) - self.late_s)
+        return 0.0
+
+    @property
+    def overloaded(self) -> bool:
+        """Whether work comes late now, or the driver has stood still lately."""
+        stalled = self._last_s is not None and self._last_s < self._reported_until_s
+        return stalled or self.late_s > _LATE_SHARE * self._period_s
+
+    @property
+    def values(self) -> dict[str, str]:
+        """What is known in numbers for people, with units in the key."""
+        return {
+            "mean lateness (s)": f"{self.late_s:.4f}",
+            "standstills (1)": str(self.stalls),
+            "longest standstill (s)": f"{self.longest_s:.2f}",
+        }
 
 
 BOARD = "board"
@@ -63,13 +160,7 @@ class LinkGuard:
         self._lost = False
 
     def look(self, link: LinkStatus, *, jammed: bool) -> LinkVerdict:
-        """Return what to do.
-
-        Args:
-            link: What is known of the link now.
-            jammed: Whether a channel is asked to jam.
-
-        """
+        """Return what to do about the link; `jammed` where a channel is asked to jam."""
         if jammed and link.state is LinkState.CONNECTED and link.latched == {SafeCause.HOST_SILENT}:
             # The driver itself was late: what is asked for again may be jammed again.
             text = f"the board let go: {SafeCause.HOST_SILENT.value}"
@@ -177,21 +268,10 @@ class SensorWatch:
     A silent sensor ends in a latched fault, which needs evidence that a pause of the host cannot make. So silence is
     counted in ticks of the driver, each by two periods at the most, however late it comes; and where hardware is asked
     and answers, by those ticks alone in which an answer was taken. Whether it answers at all, its link says.
-
-    Attributes:
-        timeout_s: Silence after which a pressure counts as not measured, s.
-
     """
 
     def __init__(self, channels: Sequence[str], timeout_s: float, period_s: float) -> None:
-        """Watch the sensors of `channels` and of the manifold.
-
-        Args:
-            channels: Names of the channels.
-            timeout_s: Silence that counts as not measured, s.
-            period_s: Time between two ticks, s.
-
-        """
+        """Watch the manifold and `channels`, in ticks of `period_s`; who is silent for `timeout_s` is not measured."""
         self._names = tuple(channels)
         self.timeout_s = timeout_s
         self._period_s = period_s
@@ -232,12 +312,9 @@ class SensorWatch:
         return self._silent_s.get(place, 0.0) > self.timeout_s
 
     def tick(self, passed_s: float, *, asked: bool) -> None:
-        """Count the time since the last tick.
+        """Count the time since the last tick, 0 where nothing could be measured in it.
 
-        Args:
-            passed_s: That time, s; 0 where nothing could be measured in it.
-            asked: Whether the hardware is asked, and answers each time; else it speaks by itself.
-
+        Hardware that is `asked` answers each time; else it speaks by itself.
         """
         counted_s = min(max(passed_s, 0.0), 2.0 * self._period_s)
         if asked and not self._answered:
@@ -249,23 +326,21 @@ class SensorWatch:
         self._measured.clear()
         self._answered = False
 
-    def look(self, ankle: Ankle, *, active: bool) -> None:
-        """Let an ankle forget the pressures of silent sensors; where it is active, their channels fail."""
-        measured = [name for name, channel in ankle.channels.items() if channel.vacuum_pa is not None]
-        silent = [name for name in measured if self.silent(name)]
-        # Sensors of one board fall silent within milliseconds, and each may be the first to be noticed.
-        every = bool(silent) and self._all_silent_s > 0.5 * self.timeout_s
-        if every:
-            silent = measured
-        if every or self.silent(MANIFOLD):
-            ankle.manifold_vacuum_pa = None
-        for name in silent:
-            ankle.channels[name].forget_pressure()
-        if not silent or not active:
-            return
-        reason = Reason.BOARD_UNPLUGGED if every else Reason.SENSOR_DEAD
+    @property
+    def all_silent(self) -> bool:
+        """Whether none of them gives a pressure: those of one board fall silent within milliseconds."""
+        return self._all_silent_s > 0.5 * self.timeout_s
+
+    def fallen_silent(self, measured: Sequence[str]) -> tuple[str, ...]:
+        """Return which of the channels whose pressure is known give none now: all, where no sensor does."""
+        silent = tuple(name for name in measured if self.silent(name))
+        return tuple(measured) if silent and self.all_silent else silent
+
+    def why(self, silent: Sequence[str]) -> Finding:
+        """Return as a finding that the sensors of these channels have fallen silent."""
+        reason = Reason.BOARD_UNPLUGGED if self.all_silent else Reason.SENSOR_DEAD
         place = ", ".join(silent)
-        whose = "no sensor gives" if every else f"{place} sensor gives no"
-        remedy = "look at hardware or simulation" if every else REMEDIES[reason]
+        whose = "no sensor gives" if self.all_silent else f"{place} sensor gives no"
+        remedy = "look at hardware or simulation" if self.all_silent else REMEDIES[reason]
         text = f"{whose} valid pressure for {self.timeout_s:g} s (pressure_timeout_s): {remedy}"
-        ankle.fail(silent, Finding(reason, place, text, self.values).to_clear())
+        return Finding(reason, place, text, self.values).to_clear()
