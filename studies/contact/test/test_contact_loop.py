@@ -22,7 +22,7 @@ from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
 from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
-from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.inputs import AnkleAngles, Input
 from jammkle_controller.core.landing import RATED_KG, Landing
 from jammkle_controller.core.leg_contact import LegLoad, LegReading
 from jammkle_controller.core.reading import Received
@@ -196,7 +196,8 @@ def walk(imu: str, duration_s: float) -> tuple[AnkleLoop, list[Received], list[b
         (ankle,) = sample.ankles.values()
         time_ns = round(sample.time_s * NANOSECONDS_PER_SECOND)
         if time_ns % STATE_PERIOD_NS == 0:
-            received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+            angles = AnkleAngles(ankle.positions["ankle_roll"], ankle.positions["ankle_pitch"])
+            received.append(Received(time_ns, angles))
             if ankle.plan is not None:
                 received.append(Received(time_ns, Input.PLANNED_CONTACT, float(ankle.plan.bears)))
                 if ankle.plan.phase is not None:
@@ -246,10 +247,11 @@ def test_efforts_report_every_step_of_a_leg_on_any_mount() -> None:
             if load_n is not None and ankle.foot.stands:
                 errors_n.append(abs(load_n - ankle.foot.normal_force_n))
             received.append(Received(time_ns, reading))
-            received.append(Received(time_ns, Input.JOINTS, ankle.positions["ankle_roll"]))
+            angles = AnkleAngles(ankle.positions["ankle_roll"], ankle.positions["ankle_pitch"])
+            received.append(Received(time_ns, angles))
         received.append(Received(time_ns, loop.step(sample.time_s)))
         stands.append(ankle.foot.stands)
-    received_again = [each for each in received if each.what is not Input.JOINTS]
+    received_again = [each for each in received if not isinstance(each.what, AnkleAngles)]
     again = replay(received_again, parameters, leg_of_robot("leg"))
     assert [event for event in again.events if event.source is Source.EFFORTS] == [
         event for event in loop.events if event.source is Source.EFFORTS
