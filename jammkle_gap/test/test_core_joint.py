@@ -79,7 +79,7 @@ def test_sizes_and_intervals_are_those_of_least_squares() -> None:
 def test_a_size_is_as_good_where_derivatives_are_dear() -> None:
     """They are then taken once, beside the most likely candidate, and shared."""
     runs = recorded(31, {"load.share": 0.5}, {"arm.mass": 0.96, "servo.stiffness": 1.04})
-    value, interval = named(diagnose(runs, EXACT, constants=Constants(affordable_derivatives=0), jobs=1), "load")
+    value, interval = named(diagnose(runs, EXACT, constants=Constants(derivatives_s=0.0), jobs=1), "load")
     expected, deviation = by_least_squares(runs, "load.share")
     assert value == pytest.approx(expected, abs=0.3 * deviation)
     assert (interval[1] - interval[0]) / (2.0 * 1.645) == pytest.approx(deviation, rel=0.3)

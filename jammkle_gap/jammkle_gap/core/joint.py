@@ -364,9 +364,15 @@ def _affordable(machine: Machine, constants: Constants) -> bool:
     return len(machine.problem.constants) * len(machine.settings) <= constants.affordable_derivatives
 
 
+def _are_dear(machine: Machine, constants: Constants) -> bool:
+    """Return whether derivatives by all constants take too long for every candidate to have its own."""
+    recorded_s = sum(setting.faulty[0].duration_s for setting in machine.settings)
+    return len(machine.problem.constants) * recorded_s > constants.derivatives_s
+
+
 def _in_time(machine: Machine, constants: Constants) -> Constants:
     """Return constants that make fewer runs where those for derivatives are many already."""
-    if _affordable(machine, constants):
+    if not _are_dear(machine, constants):
         return constants
     few = constants.hurried
     return replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
@@ -769,7 +775,7 @@ def _weighed(
         rounds = [(sharpen, 0)]  # no candidate will be named, and none needs derivatives of its own
     elif doubtful and _affordable(machine, constants):
         rounds = [*((way, most) for way in (spread, sharpen) for most in constants.sharpened_in_doubt), *rounds]
-    if not _affordable(machine, constants):
+    if _are_dear(machine, constants):
         chosen = sorted(likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
         fits = [known[names] for names in chosen]
         answers, finished = _sharpen_together(machine, error, fits, runner, constants)
