@@ -70,8 +70,8 @@ class Constants:
     """Constants times settings up to which candidates in doubt get derivatives of their own. Chosen for time: the 72 of
     an ankle in four exercises take up to 53 s of a core for each candidate."""
     derivatives_s: float = 2000.0
-    """Simulated seconds that derivatives by all constants may take, beyond which likely candidates share them. Chosen for
-    time: the four exercises of an ankle take 4500, a minute of a core."""
+    """Simulated seconds that derivatives by all constants may take, beyond which likely candidates share them. Chosen
+    for time: the four exercises of an ankle take 4500, a minute of a core."""
     doubtful: float = 2.0
     """What a fit of one parameter leaves per feature, in what healthy runs leave, above which it goes on. Chosen: an
     effect that is exactly the machine's leaves 1, with a spread of 0.15 (`length_spread`)."""
