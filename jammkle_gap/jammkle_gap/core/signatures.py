@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from jammkle_gap.core.simulate import Problem, Runner
 
 _SHARES = {1: (0.1, 0.4, 1.0), 2: (0.1, 1.0), 3: (0.3, 1.0)}
-"""Shares of the way from null to a bound, by the number of parameters. Chosen: about geometric, since effects of use
-begin at a few per cent of their range; fewer where there are more axes."""
+"""Shares of the way from null to a bound, by the number of parameters. Chosen: about geometric, and few: the grid says
+which effects are promising, a fit with the simulator what size they have."""
 _FINE = {1: 8, 2: 4, 3: 2}
 """Parts that the mesh cuts an interval of the grid into."""
 _MOST_CROSSED = 2
