@@ -135,8 +135,8 @@ def tables() -> dict[str, str]:
     for node, parameters in NODES.items():
         lines = [parameter_line(row) for row in rows(parameters)]
         if parameters is RobotParameters:
-            alike = {parameter_line(row) for row in rows(SimParameters)}
-            lines = [line for line in lines if line not in alike]
+            shared = {parameter_line(row) for row in rows(SimParameters)}
+            lines = [line for line in lines if line not in shared]
         made[f"parameters of {node}"] = table(("parameter", "default", "range", "what"), lines)
     made["parameters of other nodes"] = table(
         ("node", "parameter", "default", "range", "what"),
@@ -264,12 +264,12 @@ def made() -> dict[Path, str]:
 
 
 def register_text(registers: RegisterList) -> str:
-    """Return all registers of the firmware as a table, those that are alike in one line, and what their bits are."""
+    """Return all registers of the firmware as a table, equal ones in one line, and what their bits are."""
     lines = []
     for name, function in READ_BY.items():
-        for _, group in itertools.groupby(registers.tables[name], _kind):
-            alike = list(group)
-            first, last = alike[0], alike[-1]
+        for _, found in itertools.groupby(registers.tables[name], _kind):
+            group = list(found)
+            first, last = group[0], group[-1]
             own = first.note != _AS_FIRST
             written = name == "holding_registers" and own
             lines.append(
