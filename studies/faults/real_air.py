@@ -56,7 +56,7 @@ class RealAirPlant(FakePlant):
         """Make a specimen, vented, pump off.
 
         Args:
-            declared: What the driver has been told.
+            declared: What the parameters of the driver say.
             seed: Of the specimen, its day, its switching and the sensors' noise.
             errors: Of healthy sensors.
             end: Where the pump ends, over where the specimen's does.
