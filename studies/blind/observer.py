@@ -126,7 +126,7 @@ class Observer:
 
     def _whitener(self, specimens: int) -> Whitener:
         """Return what whitens by sensors and days, as the mean of repeats has them, and by the tolerances."""
-        floor = np.concatenate([_layout(exercise).floor for exercise in self._exercises])
+        floor = np.concatenate([_floor(exercise) for exercise in self._exercises])
         days = np.array(self._all([{"day": (each.name, each.sigma)} for each in DAY]))
         drawn = np.array(self._all([{"seed": seed} for seed in range(1, specimens + 1)]))
         tolerance = (drawn - drawn.mean(axis=0)) / np.sqrt(specimens - 1)
@@ -167,9 +167,16 @@ def _layout(exercise: str) -> Layout:
     return layout_of([run], _BIN_S, None)
 
 
-def _recorded(exercise: str, machine: Machine, wrong: Sequence[FaultSetting]) -> Recording:
-    """Return a run without chance, as a robot's sensors read it."""
-    run = recording_of_real(RIGS[exercise](Plan(exercise, {}), eras(machine, wrong, FAULTS), STILL), exercise)
+def _floor(exercise: str) -> Floats:
+    """Return the noise of the features, that of the signals of a run with noise: one without would have none."""
+    quiet, noisy = _layout(exercise), layout_of([_recorded(exercise, Machine(), (), seed=1)], _BIN_S, None)
+    levels = dict(zip(noisy.signals, np.median(noisy.by_signal(noisy.floor), axis=1), strict=True))
+    return np.repeat([levels[name] for name in quiet.signals], quiet.bins).astype(float)
+
+
+def _recorded(exercise: str, machine: Machine, wrong: Sequence[FaultSetting], seed: int = STILL) -> Recording:
+    """Return a run as a robot's sensors read it, without chance unless it has a seed."""
+    run = recording_of_real(RIGS[exercise](Plan(exercise, {}), eras(machine, wrong, FAULTS), seed), exercise)
     hidden = ("carriage/", "imu/") if exercise in _MOVED else ("carriage/",)
     return dataclasses.replace(run, signals=tuple(each for each in run.signals if not each.name.startswith(hidden)))
 

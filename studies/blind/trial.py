@@ -48,7 +48,7 @@ _KINDS: Final = ("single", "single", "none", "single", "outside", "single", "pai
 """Of ten cases six have one effect of the library, one two, one what the library has not, and two nothing."""
 _SMALLEST: Final = 0.1
 """Share of its range from which on a fault is drawn, evenly in its logarithm. Chosen: the observer, whose equations are
-the machine's, names most faults at a thousandth of their range; a builder looks for those that matter."""
+the machine's, names most faults at a hundredth of their range; a builder looks for those that matter."""
 REFERENCES: Final = 5
 """Healthy runs of each exercise, where what has changed since is asked."""
 _NOT_OF_ROBOTS = ("load_cell/", "carriage/")

@@ -42,6 +42,14 @@ def test_a_larger_fault_is_further_from_its_rivals(observer: Observer) -> None:
     assert observer.distances([leak(0.0)])["leak_achilles"] == pytest.approx(0.0, abs=1e-6)
 
 
+def test_the_observer_has_the_noise_of_the_sensors() -> None:
+    """Its signatures are of runs without noise, in which a gyroscope's offset of nothing would be seen."""
+    floor = observing._floor("cycle").reshape(-1, observing._layout("cycle").bins)
+    levels = dict(zip(observing._layout("cycle").signals, floor[:, 0], strict=True))
+    assert levels["imu/angular_velocity_x"] > 1e-4
+    assert levels["imu/specific_force_z"] > 1e-3
+
+
 def test_faults_of_sensors_that_no_exercise_has_are_not_drawn(observer: Observer) -> None:
     assert "load_cell_creeps" not in observer.faults
     assert "leak_achilles" in observer.reach
