@@ -1,12 +1,13 @@
-"""What the ankle and its policy are good for: the same landings in seven ways, on robots whose feet hang toe-down.
+"""What the ankle and its policy are good for: landings, pushes and walks, the same in every way of `ways`.
 
-Ways are auto; auto without the payload; the best single vacuum, chosen on landings of the tuning side; always
-soft; always jammed; the same foot on a locked joint; and in hindsight the vacuum that was best for that very landing.
+python -m studies.contact.benefit --runs 200 --robot leg -o runs/benefit.json
 """
 
 from __future__ import annotations
 
 import dataclasses
+import enum
+import itertools
 import math
 import sys
 from itertools import pairwise
@@ -16,17 +17,29 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import joblib  # type: ignore[import-untyped]  # carries no types
 import numpy as np
 import typer
+from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.results import console, progress_bar, write_json
-from jammkle_controller.core.landing import RATED_KG
-from jammkle_controller.parameters import ControllerParameters, PolicyMode
-from jammkle_driver.parameters import DriverParameters
 from jammkle_sim.rigs.simulation import UnstableSimulationError
-from jammkle_sim.robots.catalogue import robot_simulation
-from jammkle_sim.robots.options import AnkleKind, RobotOptions
-from studies.contact.loop import AnkleLoop
+from jammkle_sim.robots.options import ROBOTS, RobotOptions
+from studies.contact.stances import FALLEN_RAD, Walked, push, push_of_half_m_s, slid_m, tilt_rad, walk
 from studies.contact.trial import median_with_interval, wilson
+from studies.contact.ways import (
+    AUTO,
+    BLIND,
+    FEET,
+    FILLED_S,
+    FIXED,
+    HINDSIGHT,
+    JAMMED,
+    JAMMED_S,
+    RATE_HZ,
+    RIGID,
+    SOFT,
+    Tried,
+    by_policy,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -35,23 +48,10 @@ if TYPE_CHECKING:
 
     from jammkle_sim.rigs.simulation import Sample
 
-AUTO, BLIND, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT = (
-    "auto",
-    "auto, payload not known",
-    "fixed",
-    "always soft",
-    "always jammed",
-    "rigid",
-    "hindsight",
-)
-WAYS = (AUTO, BLIND, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT)
 VACUUMS_PA = (0.0, 10e3, 20e3, 30e3, 40e3, 50e3)
 """Of which the best is chosen, for all landings or for each; 0 is soft, 40 kPa what always jammed holds."""
-HELD_PA = ControllerParameters().hold_vacuum_pa
-FEET = {"leg": 1, "quadruped": 4}
-RATE_HZ = 500
-_FILLED_S, _JAMMED_S = 3.2, 1.2
-"""When it is dropped: with the reservoir full, or, where one vacuum is held without one, once that stands."""
+PUSHED_ROBOTS = ("quadruped", "mini_cheetah")
+"""A leg on its boom cannot be pushed from the side."""
 _AFTER_S = 1.2
 """Watched from the release on."""
 _SMOOTHED_S = 0.006
@@ -60,7 +60,6 @@ _LEAST_AIR_S = 0.02
 """A foot that is off the ground for as long has rebounded."""
 _REST_M_S = 0.02
 """Speed of the base below which it is at rest."""
-_FALLEN_RAD = math.radians(45.0)
 
 
 class Measured(NamedTuple):
@@ -78,6 +77,8 @@ class Measured(NamedTuple):
     """Work done on the tendons of all ankles, less what they gave back: the integral of tension by extension."""
     sunk_m: float
     """From where the base was at the first touch to where it stands at last."""
+    tilt_rad: float
+    """Largest tilt of the base from how it hung."""
     fell: float
 
 
@@ -105,37 +106,11 @@ class Drop:
     """One landing in one way, ready to be let go."""
 
     def __init__(self, robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0) -> None:
-        """Set it up.
-
-        Args:
-            robot: Its name.
-            options: The landing.
-            way: One of WAYS but the last.
-            vacuum_pa: Of the way fixed; 0: soft.
-
-        """
-        by_policy = way in (AUTO, BLIND)
-        self.release_s = _FILLED_S if by_policy else _JAMMED_S
-        reservoir_m3 = options.reservoir_volume_m3 if by_policy else 0.0
-        kind = AnkleKind.RIGID if way == RIGID else AnkleKind.JAMMABLE
-        options = dataclasses.replace(
-            options, ankle=kind.value, release_time_s=self.release_s, reservoir_volume_m3=reservoir_m3
-        )
-        mode = PolicyMode.AUTO if by_policy else PolicyMode.FIXED if way == FIXED else PolicyMode.ALWAYS_JAMMED
-        if way == SOFT or (way == FIXED and vacuum_pa == 0.0):
-            mode = PolicyMode.ALWAYS_SOFT
-        controller = ControllerParameters(
-            imu_mount=options.imu,
-            policy=mode.value,
-            hang_pitch_deg=options.hang_pitch_deg,
-            landing_vacuum_pa=vacuum_pa or HELD_PA,
-            load_kg=RATED_KG + (0.0 if way == BLIND else options.payload_kg / FEET[robot]),
-        )
-        self.simulation = robot_simulation(robot, options)
-        # faults are not of concern, and take time
-        driver = DriverParameters(reservoir_volume_m3=reservoir_m3, diagnose=False)
-        ankles = () if way == RIGID else self.simulation.ankles.values()
-        self._loops = [AnkleLoop(view, controller, driver) for view in ankles]
+        """Set it up; arguments as of `Tried`."""
+        self.release_s = FILLED_S if by_policy(way) else JAMMED_S
+        options = dataclasses.replace(options, release_time_s=self.release_s)
+        self._tried = Tried(robot, options, way, vacuum_pa)
+        self.simulation = self._tried.simulation
 
     def samples(self) -> Iterator[Sample]:
         """Let it go, and give the samples from then on, at `RATE_HZ`.
@@ -144,33 +119,30 @@ class Drop:
             UnstableSimulationError: it blew up.
 
         """
-        for sample in self.simulation.samples(self.release_s + _AFTER_S, RATE_HZ):
-            for loop in self._loops:
-                loop.step(sample.time_s)
-            if sample.time_s >= self.release_s:
-                yield sample
+        return (each for each in self._tried.samples(self.release_s + _AFTER_S) if each.time_s >= self.release_s)
 
 
 def measure(robot: str, options: RobotOptions, way: str, vacuum_pa: float = 0.0) -> Measured | None:
     """Land once; None where the simulation blew up. Arguments as of `Drop`."""
     rows, absorbed_j = [], 0.0
+    hung = None
     try:
         for sample in Drop(robot, options, way, vacuum_pa).samples():
+            hung = hung or sample
             ankles = sample.ankles.values()
             absorbed_j += sum(t.tension_n * t.extension_rate_m_s for a in ankles for t in a.tendons) / RATE_HZ
-            slid_m = float(np.mean([ankle.foot.sliding_distance_m for ankle in ankles]))
             rows.append(
                 (
                     sample.base_velocity_m_s[2],
                     sample.base_position_m[2],
-                    slid_m,
-                    sample.base_tilt_rad,
+                    slid_m(sample),
+                    tilt_rad(sample, hung),
                     *(ankle.foot.stands for ankle in ankles),
                 )
             )
     except UnstableSimulationError:
         return None
-    return _measured(np.array(rows, dtype=float), absorbed_j, math.radians(options.slope_deg))
+    return _measured(np.array(rows, dtype=float), absorbed_j)
 
 
 def deceleration_m_s2(up_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,18 +152,19 @@ def deceleration_m_s2(up_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return slowed
 
 
-def _measured(rows: Any, absorbed_j: float, slope_rad: float) -> Measured:
-    up_m_s, height_m, slid_m, tilt_rad, stands = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], rows[:, 4:] > 0.0
+def _measured(rows: Any, absorbed_j: float) -> Measured:
+    (up_m_s, height_m, way_m, tilts_rad), stands = rows[:, :4].T, rows[:, 4:] > 0.0
     touch = int(np.argmax(stands.any(axis=1)))
     moving = np.flatnonzero(np.abs(up_m_s[touch:]) > _REST_M_S)
     return Measured(
         float(deceleration_m_s2(up_m_s).max()),
         float(np.mean([_rebounds(stands[touch:, foot]) for foot in range(stands.shape[1])])),
         float(moving[-1] / RATE_HZ) if len(moving) else 0.0,
-        float(slid_m[-1]),
+        float(way_m[-1]),
         absorbed_j,
         float(height_m[touch] - height_m[-1]),
-        float(tilt_rad.max() - slope_rad > _FALLEN_RAD),
+        float(tilts_rad.max()),
+        float(tilts_rad.max() > FALLEN_RAD),
     )
 
 
@@ -206,13 +179,14 @@ def _rebounds(stands: Any) -> int:
 
 
 def benefit(
-    seed: int, runs: int, jobs: int, on_progress: Callable[[float, str], None], robots: Sequence[str] = tuple(FEET)
+    seed: int, runs: int, jobs: int, on_progress: Callable[[float, str], None], robots: Sequence[str] = ROBOTS
 ) -> list[dict[str, Any]]:
     """Measure every robot and way on the same `runs` held-out landings; a quarter as many choose the fixed vacuum.
 
     Returns:
-        A row per robot and way: how many landings, and medians with intervals by name, or None where there are none;
-        `ratio` is the peak over hindsight's of the same landing.
+        A row per robot and way: how many landings, and by name median and interval, or None where there are none.
+        `ratio` is the peak over hindsight's of the same landing, `over_auto` the geometric mean of the peak over that
+        of auto in the same landing.
 
     """
     rows = []
@@ -228,57 +202,122 @@ def benefit(
         best_pa = VACUUMS_PA[int(np.argmin(np.nanmean(np.log(tried), axis=1)))]
         on_progress((number + 0.3) / len(robots), f"{robot}: held out, fixed at {best_pa * 1e-3:.0f} kPa")
         landings = [draw(robot, 1000 * seed + index, held_out=True) for index in range(runs)]
-        at = {vacuum_pa: landed(landings, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA}
-        by_way = {way: landed(landings, way) for way in WAYS if way not in {FIXED, HINDSIGHT}}
-        by_way[FIXED] = at[best_pa]
+        at = {_fixed(vacuum_pa): landed(landings, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA}
+        by_way = {way: landed(landings, way) for way in (AUTO, BLIND)}
+        by_way |= {_fixed(best_pa) + ", the best of the tuning side": at[_fixed(best_pa)]}
+        by_way |= {way: landed(landings, way) for way in (SOFT, JAMMED, RIGID)}
         by_way[HINDSIGHT] = [
             min((each for each in tries if each is not None), key=lambda each: each.peak_m_s2, default=None)
             for tries in zip(*at.values(), strict=True)
         ]
-        rows += [
-            {"robot": robot, "way": f"{way}, {best_pa * 1e-3:.0f} kPa" if way == FIXED else way, **figures}
-            for way, figures in _figures(by_way).items()
-        ]
+        by_way |= {way: landed for way, landed in at.items() if way not in (_fixed(0.0), _fixed(best_pa))}
+        rows += [{"robot": robot, "way": way, **figures} for way, figures in _figures(by_way).items()]
     return rows
+
+
+def _fixed(vacuum_pa: float) -> str:
+    return f"{FIXED}, {vacuum_pa * 1e-3:.0f} kPa"
 
 
 def _figures(by_way: dict[str, Landings]) -> dict[str, dict[str, Any]]:
     """Return the figures of each way on the landings that no way blew up on."""
-    whole = [tries for tries in zip(*(by_way[way] for way in WAYS), strict=True) if all(tries)]
-    best_m_s2 = [each.peak_m_s2 for *_, each in whole]
+    whole = [tries for tries in zip(*by_way.values(), strict=True) if all(tries)]
     found = {}
-    for way, landed in zip(WAYS, zip(*whole, strict=True) if whole else ((),) * len(WAYS), strict=True):
+    landings = dict(zip(by_way, zip(*whole, strict=True) if whole else ((),) * len(by_way), strict=True))
+    best_m_s2, auto_m_s2 = (np.array([each.peak_m_s2 for each in landings[way]]) for way in (HINDSIGHT, AUTO))
+    for way, landed in landings.items():
         columns = {name: [getattr(each, name) for each in landed] for name in Measured._fields}
-        peaks, fell = columns.pop("peak_m_s2"), columns.pop("fell")
-        columns = {"peak_m_s2": peaks, "ratio": [p / best for p, best in zip(peaks, best_m_s2, strict=True)], **columns}
+        peaks, fell = np.array(columns.pop("peak_m_s2")), columns.pop("fell")
+        columns = {"peak_m_s2": peaks.tolist(), "ratio": (peaks / best_m_s2).tolist(), **columns}
         figures = {name: median_with_interval(column) for name, column in columns.items()}
+        figures["over_auto"] = _geometric_mean(peaks / auto_m_s2)
         figures["falls"] = wilson(round(sum(fell)), len(fell))
-        found[way] = {"runs": len(landed)} | {
-            name: None if any(map(math.isnan, figure)) else figure for name, figure in figures.items()
-        }
+        found[way] = {"runs": len(landed)} | _known(figures)
     return found
+
+
+def _geometric_mean(ratios: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return it with the 95 % interval of the mean of the logarithms (Student's t); NaN of fewer than two."""
+    if len(ratios) < 2:  # noqa: PLR2004 - of one there is no spread
+        return (math.nan, math.nan, math.nan)
+    logs = np.log(ratios)
+    half = float(stats.t.ppf(0.975, len(logs) - 1) * stats.sem(logs))
+    mean = float(np.mean(logs))
+    return (math.exp(mean), math.exp(mean - half), math.exp(mean + half))
+
+
+def _known(figures: dict[str, tuple[float, float, float]]) -> dict[str, tuple[float, float, float] | None]:
+    return {name: None if any(map(math.isnan, figure)) else figure for name, figure in figures.items()}
+
+
+def pushes(seed: int, runs: int, jobs: int, robots: Sequence[str] = PUSHED_ROBOTS) -> list[dict[str, Any]]:
+    """Push robots that stand: a row per robot and way with the push that half of the stances withstand."""
+    rows = []
+    for robot, way in itertools.product(robots, (AUTO, SOFT, JAMMED, RIGID)):
+        work = (joblib.delayed(push)(robot, 1000 * seed + index, way) for index in range(runs))
+        pushed = [each for each in joblib.Parallel(n_jobs=jobs)(work) if each is not None]
+        figures = {name: median_with_interval([getattr(p, name) for p in pushed if not p.fell]) for name in _STOOD}
+        half = {"push_m_s": push_of_half_m_s(pushed)}
+        fell = {"falls": wilson(sum(each.fell for each in pushed), len(pushed))}
+        rows.append({"robot": robot, "way": way, "runs": len(pushed)} | half | _known(figures) | fell)
+    return rows
+
+
+_STOOD = ("tilt_rad", "slid_m")
+"""What is reported of those that stand after a push."""
+
+
+def walks(seed: int, runs: int, jobs: int, fixed_pa: float) -> list[dict[str, Any]]:
+    """Let the quadruped walk on rough ground: a row per way."""
+    rows = []
+    for way in (AUTO, FIXED, SOFT, JAMMED, RIGID):
+        work = (joblib.delayed(walk)("quadruped", 1000 * seed + index, way, fixed_pa) for index in range(runs))
+        walked = [each for each in joblib.Parallel(n_jobs=jobs)(work) if each is not None]
+        figures = {name: median_with_interval([getattr(each, name) for each in walked]) for name in Walked._fields}
+        fell = {"falls": wilson(sum(each.fell for each in walked), len(walked))}
+        named = _fixed(fixed_pa) if way == FIXED else way
+        rows.append({"robot": "quadruped", "way": named, "runs": len(walked)} | _known(figures) | fell)
+    return rows
 
 
 app = typer.Typer(add_completion=False, context_settings={"help_option_names": ["-h", "--help"]})
 
 
+class What(str, enum.Enum):
+    """What is measured."""
+
+    LANDINGS = "landings"
+    PUSHES = "pushes"
+    WALKS = "walks"
+
+
 @app.command()
 def main(
-    output: Annotated[Path, typer.Option("-o", "--output", help="File of the figures.")] = Path("runs/benefit.json"),
-    runs: Annotated[int, typer.Option(help="Held-out landings of each robot.")] = 200,
+    what: Annotated[What, typer.Argument(help="What is measured.")] = What.LANDINGS,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="File of the figures.")] = None,
+    runs: Annotated[int, typer.Option(help="Landings, pushes or walks of each robot in each way.")] = 200,
     seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 7,
     jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
-    robot: Annotated[list[str] | None, typer.Option(help="Which; none: all.")] = None,
+    robot: Annotated[list[str] | None, typer.Option(help=f"Which of {', '.join(FEET)}; none: all that can.")] = None,
+    fixed_kpa: Annotated[float, typer.Option(help="Of walks: the vacuum of the way fixed.")] = 40.0,
 ) -> int:
     """Measure what the ankle is good for, and write the figures."""
-    with progress_bar("benefit") as update:
-        rows = benefit(seed, runs, jobs, update, robot or tuple(FEET))
+    if what is What.LANDINGS:
+        with progress_bar("benefit") as update:
+            rows = benefit(seed, runs, jobs, update, robot or tuple(FEET))
+    elif what is What.PUSHES:
+        rows = pushes(seed, runs, jobs, robot or PUSHED_ROBOTS)
+    else:
+        rows = walks(seed, runs, jobs, 1e3 * fixed_kpa)
+    output = output or Path(f"runs/benefit/{what.value}.json")
     output.parent.mkdir(parents=True, exist_ok=True)
     write_json(output, {"rows": rows})
     screen = console()
     for row in rows:
-        words, figures = list(row.values())[:3], list(row.values())[3:]
-        cells = ("-" if each is None else "{:.3g} ({:.3g} to {:.3g})".format(*each) for each in figures)
+        words, figures = list(row.values())[:3], list(row.items())[3:]
+        cells = (
+            f"{name} " + ("-" if each is None else "{:.3g} ({:.3g} to {:.3g})".format(*each)) for name, each in figures
+        )
         screen.print(" | ".join([*map(str, words), *cells]))
     return 0
 

@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jammkle_sim.robots.options import RobotOptions
-from studies.contact.benefit import AUTO, JAMMED, RATE_HZ, RIGID, SOFT, Drop, deceleration_m_s2
+from studies.contact.benefit import Drop, deceleration_m_s2
+from studies.contact.ways import AUTO, JAMMED, RATE_HZ, RIGID, SOFT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
