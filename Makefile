@@ -7,7 +7,7 @@ BIN := .venv/bin
 FUZZ_SEEDS := 100 101 102 103 104 105 106 107 108 109
 FIRMWARE := $(MAKE) --no-print-directory -s -C jammkle_driver/firmware
 
-.PHONY: help extras demo test slow bench live blind robots contact paper studies exercises faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
+.PHONY: help extras demo test slow bench live blind robots contact benefit paper studies exercises faults soak firmware docs pictures lint format readme lock wheels try-wheels release set-up clean
 
 help:
 	@echo "make demo   set up, land a simulated ankle on a slope, record it, diagnose what is wrong with it"
@@ -23,6 +23,7 @@ help:
 	@echo "make paper  set up, run every test of the paper; writes runs/paper/paper.html, half a minute"
 	@echo "make studies set up, run the tests of the studies"
 	@echo "make contact set up, try the detectors on 4000 steps, slips and landings; writes runs/contact, 20 minutes"
+	@echo "make benefit set up, land, push and walk robots in every way that is compared; writes runs/benefit, some hours"
 	@echo "make exercises set up, say what an ideal observer sees in each exercise; writes studies/exercises/README.md, 10 minutes"
 	@echo "make firmware set up, build the board's firmware, and test it in simavr where the tools for AVR are installed"
 	@echo "make docs   build the documentation as pages: docs/_build/index.html"
@@ -51,7 +52,7 @@ slow: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 -m slow --deselect test/test_several_boards.py
 	@$(BIN)/python -m pytest -m slow test/test_several_boards.py  # boards live by the steady clock
 
-studies: extras
+studies: extras .venv/.other-robots
 	@$(BIN)/python -m pytest studies -n auto --maxprocesses 4 -m "slow or not slow"
 
 paper: extras
@@ -83,6 +84,13 @@ robots: extras
 
 contact: extras
 	@$(BIN)/python -m studies.contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
+
+benefit: extras .venv/.other-robots
+	@for what in landings pushes walks; do $(BIN)/python -m studies.contact.benefit $$what --jobs 2 || exit 1; done
+
+.venv/.other-robots: studies/contact/requirements.txt | extras
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r $<
+	@touch $@
 
 exercises: extras
 	@$(BIN)/python -m studies.exercises --page studies/exercises/README.md
