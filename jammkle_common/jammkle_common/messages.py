@@ -43,7 +43,8 @@ def message_class(message_type: str) -> Any:
     """Return the class of `package/msg/Name`: of ROS where that is installed, else a plain one.
 
     Raises:
-        InputError: the type is neither installed nor one of the standard ones.
+        ModuleNotFoundError: its package is neither installed nor one of `ROS_MODULES`.
+        InputError: its package is one of these, and has no such type.
 
     """
     package, folder, name = message_type.split("/")

@@ -10,11 +10,13 @@ import pytest
 
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_gap.ankle.bag import Samples
 from jammkle_gap.ankle.effects import apply_effects
 from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.recording import bag_of_run, load_recordings, recording_of
 from jammkle_gap.ankle.repeats import difference, group_of
+from jammkle_gap.ankle.shank import ShankMotion, moved_as_read
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.commands.bag import write_bag
 from jammkle_sim.rigs.catalogue import EXERCISES, RIGS, run_rig
@@ -117,6 +119,21 @@ def test_the_true_effect_closes_it(name: str, values: dict[str, float]) -> None:
         if each.name.startswith(("ankle_", "imu")):
             left = (each.values - simulated[each.name]) / each.deviation
             assert np.sqrt(np.mean(left**2)) < 1.5, each.name
+
+
+def test_a_shank_that_trembles_at_rest_moves_and_its_gyro_s_zero_does_not() -> None:
+    """Of a hand that trembles by 20 mrad/s at 5 Hz, read by a gyro that is 10 mrad/s off, the shank has the tremor."""
+    time_s = np.arange(0.0, 3.0, 0.005)
+    tremor_rad_s = 0.02 * np.sin(2.0 * np.pi * 5.0 * time_s)
+    readings = np.zeros((len(time_s), 6))
+    readings[:, 2], readings[:, 3] = STANDARD_GRAVITY_M_S2, 0.01 + tremor_rad_s
+    motion = ShankMotion(time_s, readings)
+    assert motion.still.min() > 0.9
+    rig, _ = RIGS["tilt"].build(RIGS["tilt"].options(**SHORT["tilt"]))
+    moved = moved_as_read(rig, motion)
+    rate_rad_s = moved.guide[200:-200, 10]
+    assert np.mean(rate_rad_s) == pytest.approx(0.0, abs=5e-4)
+    assert np.std(rate_rad_s) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.03)
 
 
 def test_what_is_driven_is_not_compared() -> None:

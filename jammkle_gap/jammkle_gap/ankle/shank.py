@@ -1,8 +1,9 @@
 """How a shank moved while an ankle was exercised, by the IMU on it: an input of the simulator.
 
-Where it moves its IMU is taken at its word. Where it stands still more is known than an IMU reads: it does not turn,
-and what it feels is gravity. There the accelerometer says no more than which way is up, and what else it reads, and
-what the gyro reads at all, is the sensors' own and is compared.
+Where it moves its IMU is taken at its word. Where it stands still more is known than an IMU reads: in the mean it does
+not turn, though it trembles as a hand or a servo does, and what it feels is gravity. There the accelerometer says no
+more than which way is up, and what else it reads, and what the gyro reads in the mean, is the sensors' own and is
+compared.
 
 Over the ground it must be known where it is. There its height was measured, it moves slowly, and it is tilted as its
 accelerometer says.
@@ -133,7 +134,7 @@ def moved_as_read(rig: Rig, motion: ShankMotion) -> Rig:
     else:
         still = motion.still[:, np.newaxis]
         gravity = force * (STANDARD_GRAVITY_M_S2 / np.linalg.norm(force, axis=1, keepdims=True))
-        felt = np.column_stack((still * gravity + (1.0 - still) * force, (1.0 - still) * rate))
+        felt = np.column_stack((still * gravity + (1.0 - still) * force, rate - still * _zero(rate, motion.still)))
         smooth = _smooth(grid_s, moment_s, felt, _SMOOTHED_S)
         guide = guided_by_imu(step_s, smooth[:, :3], smooth[:, 3:])
     return dataclasses.replace(rig, guide=guide)
@@ -146,7 +147,7 @@ def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats, sti
     as contact and a robot's joints jolt it; in between, a straight line leads from what they differed by at one rest
     to what they differ by at the next. Where it never rests, the accelerometer counts throughout.
     """
-    zero = np.average(rate, axis=0, weights=still + _JOLTED)
+    zero = _zero(rate, still)
     columns = np.column_stack((force, rate - zero, still))
     felt = np.column_stack([np.interp(grid_s, moment_s, column) for column in columns.T])
     up, rests = felt[:, :3] / np.linalg.norm(felt[:, :3], axis=1, keepdims=True), felt[:, 6] > _RESTS
@@ -161,6 +162,12 @@ def _tilt_rad(grid_s: Floats, moment_s: Floats, force: Floats, rate: Floats, sti
     differs = [np.interp(np.arange(len(grid_s)), near, each[near] / weight[near]) for each in sums.T]
     tilt_rad: Floats = turned + np.column_stack(differs)
     return tilt_rad
+
+
+def _zero(rate: Floats, still: Floats) -> Floats:
+    """Return what a gyro reads at rest, in the mean over a recording, shape (3,), rad/s."""
+    zero: Floats = np.average(rate, axis=0, weights=still + _JOLTED)
+    return zero
 
 
 def _smooth(grid_s: Floats, time_s: Floats, values: Floats, over_s: float) -> Floats:
