@@ -171,3 +171,14 @@ def test_a_fixed_policy_meets_every_landing_with_one_vacuum() -> None:
     assert set(policy.set_points_pa.values()) == {20e3}
     policy.advance(1000 * MS_NS)
     assert set(policy.set_points_pa.values()) == {policy.parameters.hold_vacuum_pa}
+
+
+@pytest.mark.parametrize(
+    ("mode", "vacuum_pa"), [(PolicyMode.FIXED, 20e3), (PolicyMode.ALWAYS_SOFT, 0.0), (PolicyMode.ALWAYS_JAMMED, 40e3)]
+)
+def test_a_baseline_says_what_it_meets_a_landing_with(mode: PolicyMode, vacuum_pa: float) -> None:
+    """Not what the policy would have chosen, and that it came too late for it: nothing was evacuated for this fall."""
+    landing = landed(0.1, policy=mode.value, landing_vacuum_pa=20e3).landing
+    assert landing is not None
+    assert (landing.chosen_pa, landing.reached_pa) == (vacuum_pa, vacuum_pa)
+    assert landing.why == f"policy is {mode.value}: the vacuum is the same for every landing"
