@@ -83,7 +83,7 @@ def test_the_times_to_jam_are_those_of_the_simulator(volume_ml: int, to_40_kpa_s
 
 
 def test_a_leak_is_estimated_with_the_air_of_the_reservoir() -> None:
-    """Its rate is that of all the air that is connected: without 100 mL of it the hole would seem a quarter as large."""
+    """Its rate is that of all the air that is connected: without 100 mL of it the hole would seem a quarter of it."""
     bench = bench_with(RESERVOIR_M3)
     bench.plant.air = dataclasses.replace(bench.plant.air, leak_conductance_m3_s_pa=2e-12)
     bench.plant.heal()
