@@ -124,10 +124,12 @@ def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
     assert policy.state is PolicyState.STANCE
     assert policy.landing is not None
     assert policy.landing.surprised
-    assert "nothing foresaw it" in policy.landing.why
+    assert policy.landing.why == "nothing foresaw it: met as it was, and jammed at once"
     flat = JammingPolicy(ControllerParameters())
     flat.advance(0)
     flat.react(ContactEvent(ContactKind.IMPACT, 0, 1.0, "", 0.0))
+    assert flat.landing is not None
+    assert flat.landing.why == "nothing foresaw it: met as it was"
     assert flat.state is PolicyState.LANDING  # a flat foot has no way to lose: it waits, as ever
 
 

@@ -306,7 +306,8 @@ class JammingPolicy:
             why = "foreseen by the gait or its rhythm"
             self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, why, time_ns=time_ns)
         else:
-            why = f"{self._what_was_foreseen(time_ns)}: met as it was"
+            then = "met as it was, and jammed at once" if parameters.takes_blows else "met as it was"
+            why = f"{self._what_was_foreseen(time_ns)}: {then}"
             self.landing = Landing(0.0, 0.0, 0.0, why, surprised=True, time_ns=time_ns)
         fixed_pa = self._fixed_pa
         if fixed_pa is not None:
