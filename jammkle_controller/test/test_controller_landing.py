@@ -24,10 +24,11 @@ speeds = st.floats(0.0, 3.0)
 masses = st.floats(0.5, 20.0)
 
 
-def landed(height_m: float, stored: Stored = FULL, **changed: object) -> JammingPolicy:
+def landed(height_m: float, stored: Stored = FULL, shown_kg: float = 0.0, **changed: object) -> JammingPolicy:
     """A policy whose body fell from a height, seen as a controller sees it, at the sample of its impact."""
     policy = JammingPolicy(ControllerParameters(**{"hang_pitch_deg": math.degrees(HANG_RAD), **changed}))
     policy.store(stored)
+    policy.bear(shown_kg)
     lasts_ms = round(1e3 * math.sqrt(2.0 * height_m / 9.80665))
     for ms in range(lasts_ms):
         policy.advance(ms * MS_NS)
@@ -78,6 +79,17 @@ def test_a_small_fall_is_met_softer_than_a_great_one() -> None:
     assert small.chosen_pa < 20e3 < great.chosen_pa
     assert small.reached_pa < great.reached_pa
     assert great.reached_pa >= great.chosen_pa - 2.5e3
+
+
+def test_the_load_that_was_measured_counts_if_it_is_more() -> None:
+    """What load cell or efforts have shown of a stance, and not less than the ankle is rated for."""
+    rated, light, heavy = (landed(0.06, shown_kg=shown_kg).landing for shown_kg in (0.0, 0.9, 2.5))
+    assert rated is not None
+    assert light is not None
+    assert heavy is not None
+    assert light == rated
+    assert heavy.chosen_pa > 1.5 * rated.chosen_pa
+    assert "with 2.5 kg" in heavy.why
 
 
 def test_with_vacuum_in_store_the_achilles_pair_is_evacuated_alone() -> None:
