@@ -319,7 +319,7 @@ class JammingPolicy:
         """Say what was foreseen of a touch-down that nothing was prepared for."""
         foreseen_ns = self._given_up_ns if self._touchdown_ns is None else self._touchdown_ns
         if foreseen_ns is None:
-            return "nothing foresaw it"
+            return "nothing foresaw it" if self.parameters.takes_blows else "a foot that hangs flat has no way to give"
         by_ms = 1e3 * (time_ns - foreseen_ns) / NANOSECONDS_PER_SECOND
         early_or_late = "later" if by_ms > 0.0 else "earlier"
         return f"{abs(by_ms):.0f} ms {early_or_late} than the gait or its rhythm foresaw"
