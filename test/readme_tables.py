@@ -12,26 +12,34 @@ import itertools
 import math
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from command_reference import command_lines
 from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
 from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
 from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
-from jammkle_common.constants import STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
 from jammkle_controller.core.events import OFFERS, Detection
-from jammkle_controller.core.landing import Evacuation, LandingModel, Stored, travel_m
+from jammkle_controller.core.landing import LandingModel, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.board.wiring import Register, RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
+from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.options import RobotOptions
+from jammkle_sim.robots.quadruped import QuadrupedParameters
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -153,7 +161,14 @@ def tables() -> dict[str, str]:
     )
     made["jam times"] = table(
         ("reservoir", *(f"{vacuum_pa / 1e3:.0f} kPa" for vacuum_pa in TIMED_PA), "to evacuate it to 60 kPa", "mass"),
-        [jam_time_line(volume_ml) for volume_ml in (0, 50, 100, 250)],
+        [jam_time_line(volume_ml) for volume_ml in RESERVOIRS_ML],
+    )
+    made["trot"] = table(
+        ("pump, mean duty", *map(reservoir_name, RESERVOIRS_ML)),
+        [
+            (f"{flow_l_min:g} l/min, {duty:g}", *(trot_cell(flow_l_min, duty, each) for each in RESERVOIRS_ML))
+            for flow_l_min, duty in TROTTING
+        ],
     )
     made["what is felt"] = table(
         ("event", *(mount.value for mount in OFFERS)),
@@ -193,15 +208,54 @@ def landing_cell(height_m: float, mass_kg: float) -> str:
     return f"{vacuum_pa / 1e3:.0f} kPa" if vacuum_pa else "soft"
 
 
+RESERVOIRS_ML = (0, 50, 100, 250)
+AIR_STEP_S = 5e-4
+"""Time step of the simulated air, s."""
+TROT_S, BEARING_SHARE = 0.5, QuadrupedParameters().bearing_share
+"""Period of a trot at 2 Hz, s, and the share of it for which a foot stands."""
+REACTION_S, TROTS = 0.1, 40
+"""Since the touch-down, s, and after how many periods: the air is the same from one to the next by then."""
+RATED_DUTY = DriverParameters().pump_rated_duty
+TROTTING = ((6.0, RATED_DUTY), (6.0, 1.0), (9.0, RATED_DUTY), (9.0, 1.0), (12.0, 1.0))
+"""Free flow of the pump, l/min, and its duty."""
+
+
+def reservoir_name(volume_ml: int) -> str:
+    """What the tables call a reservoir."""
+    return f"{volume_ml} mL" if volume_ml else "none"
+
+
 def jam_time_line(volume_ml: int) -> tuple[str, ...]:
     """How long all three channels take with a reservoir, and what it costs."""
     volume_m3 = 1e-6 * volume_ml
     air = DriverParameters(reservoir_volume_m3=volume_m3).air()
-    jams = Evacuation.of(Stored(STORED_PA if volume_ml else 0.0, volume_m3), achilles_alone=False)
-    times = [f"{1e3 * jams.until_s(vacuum_pa):.0f} ms" for vacuum_pa in TIMED_PA]
     evacuated_s = air.evacuation_s(volume_m3 and air.shared_volume_m3, STORED_PA)
-    name = f"{volume_ml} mL" if volume_ml else "none"
-    return (name, *times, f"{evacuated_s:.1f} s", f"{1e3 * BOTTLE_KG_ML * volume_ml:.0f} g")
+    simulated = Pneumatics(PneumaticParameters(reservoir_volume_m3=volume_m3), AIR_STEP_S)
+    simulated.command(1.0, (False, False, False))
+    while volume_ml and STANDARD_ATMOSPHERE_PA - simulated.advance(1)[0, 0] < STORED_PA:
+        pass
+    vacuums_pa = connected_vacuums_pa(simulated, 1.0, 1.0)
+    times = [f"{1e3 * AIR_STEP_S * (1 + np.argmax(vacuums_pa >= vacuum_pa)):.0f} ms" for vacuum_pa in TIMED_PA]
+    return (reservoir_name(volume_ml), *times, f"{evacuated_s:.1f} s", f"{1e3 * BOTTLE_KG_ML * volume_ml:.0f} g")
+
+
+def trot_cell(flow_l_min: float, duty: float, volume_ml: int) -> str:
+    """Vacuum of a foot's channels some time after its touch-down, where all are jammed at each and the pump goes on."""
+    pneumatics = PneumaticParameters(reservoir_volume_m3=1e-6 * volume_ml, pump_free_flow_l_min=flow_l_min)
+    simulated = Pneumatics(pneumatics, AIR_STEP_S)
+    for _ in range(TROTS):
+        vacuums_pa = connected_vacuums_pa(simulated, duty, BEARING_SHARE * TROT_S)
+        simulated.command(duty, (False, False, False))
+        simulated.advance(round((1.0 - BEARING_SHARE) * TROT_S / AIR_STEP_S))
+    return f"{vacuums_pa[round(REACTION_S / AIR_STEP_S) - 1] / 1e3:.0f} kPa"
+
+
+def connected_vacuums_pa(simulated: Pneumatics, duty: float, lasts_s: float) -> NDArray[np.float64]:
+    """Connect all channels for a while, and return the least vacuum of them after each step, Pa."""
+    simulated.command(duty, (True, True, True))
+    channels_pa = simulated.advance(round(lasts_s / AIR_STEP_S))[:, 1:]
+    least_pa: NDArray[np.float64] = STANDARD_ATMOSPHERE_PA - channels_pa.max(axis=1)
+    return least_pa
 
 
 def workspace_text() -> str:

@@ -24,10 +24,11 @@ speeds = st.floats(0.0, 3.0)
 masses = st.floats(0.5, 20.0)
 
 
-def landed(height_m: float, stored: Stored = FULL, **changed: object) -> JammingPolicy:
+def landed(height_m: float, stored: Stored = FULL, shown_kg: float = 0.0, **changed: object) -> JammingPolicy:
     """A policy whose body fell from a height, seen as a controller sees it, at the sample of its impact."""
     policy = JammingPolicy(ControllerParameters(**{"hang_pitch_deg": math.degrees(HANG_RAD), **changed}))
     policy.store(stored)
+    policy.bear(shown_kg)
     lasts_ms = round(1e3 * math.sqrt(2.0 * height_m / 9.80665))
     for ms in range(lasts_ms):
         policy.advance(ms * MS_NS)
@@ -80,6 +81,17 @@ def test_a_small_fall_is_met_softer_than_a_great_one() -> None:
     assert great.reached_pa >= great.chosen_pa - 2.5e3
 
 
+def test_the_load_that_was_measured_counts_if_it_is_more() -> None:
+    """What load cell or efforts have shown of a stance, and not less than the ankle is rated for."""
+    rated, light, heavy = (landed(0.06, shown_kg=shown_kg).landing for shown_kg in (0.0, 0.9, 2.5))
+    assert rated is not None
+    assert light is not None
+    assert heavy is not None
+    assert light == rated
+    assert heavy.chosen_pa > 1.5 * rated.chosen_pa
+    assert "with 2.5 kg" in heavy.why
+
+
 def test_with_vacuum_in_store_the_achilles_pair_is_evacuated_alone() -> None:
     """It bears a landing on toes; without a store all are, as those that come later would draw from it."""
     wanted_pa = landed(0.1).set_points_pa
@@ -124,10 +136,12 @@ def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
     assert policy.state is PolicyState.STANCE
     assert policy.landing is not None
     assert policy.landing.surprised
-    assert "nothing foresaw it" in policy.landing.why
+    assert policy.landing.why == "nothing foresaw it: met as it was, and jammed at once"
     flat = JammingPolicy(ControllerParameters())
     flat.advance(0)
     flat.react(ContactEvent(ContactKind.IMPACT, 0, 1.0, "", 0.0))
+    assert flat.landing is not None
+    assert flat.landing.why == "a foot that hangs flat has no way to give: met as it was"  # a fall may have been seen
     assert flat.state is PolicyState.LANDING  # a flat foot has no way to lose: it waits, as ever
 
 
@@ -171,3 +185,14 @@ def test_a_fixed_policy_meets_every_landing_with_one_vacuum() -> None:
     assert set(policy.set_points_pa.values()) == {20e3}
     policy.advance(1000 * MS_NS)
     assert set(policy.set_points_pa.values()) == {policy.parameters.hold_vacuum_pa}
+
+
+@pytest.mark.parametrize(
+    ("mode", "vacuum_pa"), [(PolicyMode.FIXED, 20e3), (PolicyMode.ALWAYS_SOFT, 0.0), (PolicyMode.ALWAYS_JAMMED, 40e3)]
+)
+def test_a_baseline_says_what_it_meets_a_landing_with(mode: PolicyMode, vacuum_pa: float) -> None:
+    """Not what the policy would have chosen, and that it came too late for it: nothing was evacuated for this fall."""
+    landing = landed(0.1, policy=mode.value, landing_vacuum_pa=20e3).landing
+    assert landing is not None
+    assert (landing.chosen_pa, landing.reached_pa) == (vacuum_pa, vacuum_pa)
+    assert landing.why == f"policy is {mode.value}: the vacuum is the same for every landing"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from fault_bench import SAMPLE_S, WITHIN_S, FaultBench, run
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
+from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.fake import FakeFault, FakePlant
+from jammkle_driver.fake import PLANT_STEP_S, FakeFault, FakePlant
 from jammkle_driver.parameters import DriverParameters
 
 RESERVOIR_M3 = 1e-4
@@ -58,6 +61,40 @@ def test_what_is_stored_jams_three_times_as_fast() -> None:
         run(bench, 0.1)
     full_s, empty_s, none_s = (jam_s(bench, 40e3) for bench in (full, empty, none))
     assert 3.0 * full_s < none_s < empty_s
+
+
+@pytest.mark.parametrize(
+    ("volume_ml", "to_40_kpa_s", "to_50_kpa_s"),
+    [(0, 0.288, 0.453), (50, 0.078, 0.278), (100, 0.073, 0.112), (250, 0.071, 0.099)],
+)
+def test_the_times_to_jam_are_those_of_the_simulator(volume_ml: int, to_40_kpa_s: float, to_50_kpa_s: float) -> None:
+    """The law that faults are judged by, from 60 kPa in store; its step is a millisecond."""
+    air = DriverParameters(reservoir_volume_m3=1e-6 * volume_ml).air()
+    plant = FakePlant(air, STANDARD_ATMOSPHERE_PA)
+    plant.command({}, 1.0)
+    while volume_ml and STANDARD_ATMOSPHERE_PA - plant.pressures_pa[MANIFOLD] < 60e3:
+        plant.advance(PLANT_STEP_S)
+    begun_s = plant.time_s
+    plant.command(dict.fromkeys(CHANNELS, True), 1.0)
+    for vacuum_pa, time_s in ((40e3, to_40_kpa_s), (50e3, to_50_kpa_s)):
+        while STANDARD_ATMOSPHERE_PA - max(plant.pressures_pa[channel] for channel in CHANNELS) < vacuum_pa:
+            plant.advance(PLANT_STEP_S)
+        assert plant.time_s - begun_s == pytest.approx(time_s, abs=2.1e-3)
+
+
+def test_a_leak_is_estimated_with_the_air_of_the_reservoir() -> None:
+    """Its rate is that of all the air that is connected: without 100 mL of it the hole would seem a quarter of it."""
+    bench = bench_with(RESERVOIR_M3)
+    bench.plant.air = dataclasses.replace(bench.plant.air, leak_conductance_m3_s_pa=2e-12)
+    bench.plant.heal()
+    run(bench, FILLED_S)
+    bench.driver.jam((), 40e3, "test")
+    run(bench, 6.0)
+    seen = bench.driver.ankle.leaks.latest
+    assert seen is not None
+    assert seen.connected == frozenset(CHANNELS)
+    assert seen.conductance_m3_s_pa == pytest.approx(4.0 * 2e-12, rel=0.3)
+    assert bench.reported()[0] is Reason.NONE
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

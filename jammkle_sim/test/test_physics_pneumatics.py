@@ -40,6 +40,28 @@ def test_all_tendons_jam_in_half_a_second_and_vent_in_a_fifth() -> None:
     assert (air.advance(400)[-1, 1:] > AMBIENT_PA - 5e3).all()
 
 
+@pytest.mark.parametrize(
+    ("volume_ml", "evacuated_s", "to_40_kpa_s", "to_50_kpa_s"),
+    [(0, 0.0, 0.288, 0.453), (50, 1.2, 0.078, 0.278), (100, 2.1, 0.073, 0.112), (250, 4.9, 0.071, 0.099)],
+)
+def test_a_reservoir_shares_its_vacuum_in_the_time_of_the_valves(
+    volume_ml: int, evacuated_s: float, to_40_kpa_s: float, to_50_kpa_s: float
+) -> None:
+    """All three channels from 60 kPa in store, as a prototype of this law had them (physics of the Jammkle)."""
+    air = Pneumatics(PneumaticParameters(reservoir_volume_m3=1e-6 * volume_ml), DT_S)
+    air.command(1.0, NONE)
+    steps = 0
+    while volume_ml and air.advance(1)[0, 0] > AMBIENT_PA - 60e3:
+        steps += 1
+    assert DT_S * steps == pytest.approx(evacuated_s, abs=0.05)
+    air.command(1.0, ALL)
+    pressure_pa = air.advance(1000)
+    for vacuum_pa, time_s in ((40e3, to_40_kpa_s), (50e3, to_50_kpa_s)):
+        assert max(first_below(pressure_pa[:, i], AMBIENT_PA - vacuum_pa) for i in (1, 2, 3)) == pytest.approx(
+            time_s, abs=2e-3
+        )
+
+
 def test_fewer_tendons_jam_faster() -> None:
     """One tendon alone takes less time than all four, and more than none."""
     times_s = []

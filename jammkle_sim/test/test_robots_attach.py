@@ -7,6 +7,7 @@ import pytest
 
 from jammkle_common.names import ACHILLES, CHANNELS
 from jammkle_common.parameters import ParameterError
+from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.options import ImuPlace
@@ -62,6 +63,26 @@ def test_two_calls_make_a_biped_stand_on_ankles_that_jam() -> None:
     weight_n = 9.81 * robot.model.body_mass.sum()
     assert left.foot.normal_force_n + right.foot.normal_force_n == pytest.approx(weight_n, rel=0.02)
     assert simulation.data.ctrl[robot.model.actuator("left_motor").id] == 0.1
+
+
+@pytest.mark.parametrize("hang_pitch_rad", [0.0, 0.52])
+def test_a_foot_hangs_as_its_tendons_hold_it_and_a_load_presses_it_flat(hang_pitch_rad: float) -> None:
+    """In the air at its pitch; a flat foot lands flat, one that hangs lands on its toe, and gives."""
+    spec = biped()
+    fitting = AnkleFitting(AnkleParameters(hang_pitch_rad=hang_pitch_rad))
+    ankles = [
+        attach_ankle(spec, f"{side}_shank", f"{side}_ankle", position_m=(0.0, 0.0, -0.3), fitting=fitting)
+        for side in ("left", "right")
+    ]
+    robot = robot_of(spec, ankles)
+    assert robot.model.neq == 0
+    samples = list(Simulation(robot).samples(1.0, 1000))
+    pitches_rad = [sample.ankles["left_ankle"].positions["ankle_pitch"] for sample in samples]
+    falls = [sample.ankles["left_ankle"].foot.normal_force_n == 0.0 for sample in samples].index(False)
+    assert pitches_rad[: falls - 1] == pytest.approx([hang_pitch_rad] * (falls - 1), abs=0.01)
+    turned_rad = hang_pitch_rad - min(pitches_rad)
+    assert turned_rad < 0.035 if hang_pitch_rad == 0.0 else turned_rad > 0.3
+    assert 0.0 <= pitches_rad[-1] + 1e-3 <= hang_pitch_rad + 0.01
 
 
 @pytest.mark.parametrize("compiler", ['settotalmass="30"', 'settotalmass="30" fusestatic="true"', 'boundmass="0.5"'])

@@ -18,18 +18,26 @@ from jammkle_common.constants import HELD_VACUUM_PA, MAX_REPEATS, MAX_SEED
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.constants import TENDON_SETS
 from jammkle_sim.rigs.simulation import UnstableSimulationError
-from studies.paper.comparison import Outcomes, compare_claims, compare_rows, slip_statistics
+from studies.paper.comparison import Outcomes, compare_claims, compare_hanging, compare_rows, slip_statistics
 from studies.paper.figures import SET_NAMES, deformation, pictures
 from studies.paper.page import Findings, page
 from studies.paper.reasons import REASONS
 from studies.paper.refit import refit as fit_again
-from studies.paper.runs import CURVE_EXPERIMENTS, PARAMETER_SETS, ROW_EXPERIMENTS, SLIP_EXPERIMENTS, Task, run_all
+from studies.paper.runs import (
+    CURVE_EXPERIMENTS,
+    HANGING,
+    PARAMETER_SETS,
+    ROW_EXPERIMENTS,
+    SLIP_EXPERIMENTS,
+    Task,
+    run_all,
+)
 from studies.paper.tables import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from studies.paper.comparison import ClaimComparison, RowComparison
+    from studies.paper.comparison import ClaimComparison, HangingComparison, RowComparison
     from studies.paper.refit import FitResult
     from studies.paper.runs import Outcome
 
@@ -57,17 +65,19 @@ def paper(
     fit = _fit(stop) if refit else None
     outcomes = Outcomes(_run(tasks(repeats, seed), stop))
     rows, claims, slips = compare_rows(outcomes), compare_claims(outcomes), slip_statistics(outcomes)
+    hanging = compare_hanging(outcomes)
     with results.console().status("drawing"):
         deformations = [deformation(TENDON_SETS["fitted"], vacuum_pa) for vacuum_pa in (0.0, HELD_VACUUM_PA)]
         drawn = pictures(outcomes, rows, deformations)
     reasons = {entry.identifier: entry.sentence for entry in REASONS}
-    findings = Findings(seed, repeats, rows, claims, slips, drawn, reasons, outcomes.broken(), fit)
+    findings = Findings(seed, repeats, rows, claims, slips, hanging, drawn, reasons, outcomes.broken(), fit)
     target = output / PAGE_NAME
     target.write_text(page(findings), encoding="utf-8")
     content: dict[str, Any] = {
         "rows": [row.as_json() for row in rows],
         "claims": [claim.as_json() for claim in claims],
         "slip": [slip.as_json() for slip in slips],
+        "slip_hanging": [each.as_json() for each in hanging],
         "repeats": repeats,
         "seed": seed,
         "page": str(target),
@@ -75,7 +85,7 @@ def paper(
     if fit is not None:
         content["refit"] = _fit_json(fit)
     results.write_json(json, content)
-    _show(rows, claims, fit, target)
+    _show(rows, claims, hanging, fit, target)
     return 1 if fit is not None and not fit.reproduces_committed else 0
 
 
@@ -92,7 +102,8 @@ def tasks(repeats: int, seed: int) -> list[Task]:
         for experiment in CURVE_EXPERIMENTS
         for parameter_set in PARAMETER_SETS
     ]
-    return [*repeated, *single]
+    hanging = [Task(experiment, PARAMETER_SETS[0], seed, None) for slip in HANGING for experiment in slip.runs]
+    return [*hanging, *repeated, *single]
 
 
 def _check(folder: Path, json: Path | None, repeats: int, seed: int) -> None:
@@ -152,7 +163,11 @@ def _fit_json(fit: FitResult) -> dict[str, Any]:
 
 
 def _show(
-    rows: tuple[RowComparison, ...], claims: tuple[ClaimComparison, ...], fit: FitResult | None, target: Path
+    rows: tuple[RowComparison, ...],
+    claims: tuple[ClaimComparison, ...],
+    hanging: tuple[HangingComparison, ...],
+    fit: FitResult | None,
+    target: Path,
 ) -> None:
     console = results.console()
     table = Table(title="Paper and simulation (z in standard errors of the paper)", title_justify="left")
@@ -176,6 +191,9 @@ def _show(
     for claim in claims:
         verdict = _coloured("holds" if claim.holds else "does not hold", good=claim.holds)
         console.print(f"{claim.claim.text}, {SET_NAMES[claim.parameter_set]}: {verdict} ({claim.evidence})")
+    hold = any(each.holds for each in hanging)
+    verdict = _coloured("all hold at some of them" if hold else "never all hold", good=hold)
+    console.print(f"the claims on feet that hang, at {len(hanging)} pitches and frictions: {verdict}")
     if fit is not None:
         verdict = "the committed constants" if fit.reproduces_committed else "OTHER constants than the committed"
         console.print(f"fitted again: {verdict}, largest difference {fit.largest_deviation:.2%}")

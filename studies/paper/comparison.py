@@ -10,13 +10,11 @@ import numpy as np
 
 from studies.paper.runs import (
     ENERGY,
+    HANGING,
     PARAMETER_SETS,
     PEAK_OF_DESCENT,
     PEAK_OF_TEST,
     SLIP_EXPERIMENTS,
-    SLIP_JAMMED,
-    SLIP_RIGID,
-    SLIP_UNJAMMED,
 )
 from studies.paper.tables import (
     ROWS,
@@ -29,9 +27,9 @@ from studies.paper.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from studies.paper.runs import Curve, Outcome
+    from studies.paper.runs import Curve, Experiment, HangingSlip, Outcome
     from studies.paper.tables import PaperClaim, PaperRow
 
 _FEWEST_FOR_SCATTER = 2
@@ -194,10 +192,60 @@ def compare_claims(outcomes: Outcomes) -> tuple[ClaimComparison, ...]:
     )
 
 
-def _judged(claim: str, outcomes: Outcomes, parameter_set: str) -> tuple[bool, str]:
+@dataclass(frozen=True)
+class HangingComparison:
+    """The claims of the slip test on feet that hang."""
+
+    slip: HangingSlip
+    figures: Mapping[str, tuple[float, float] | None]
+    """Peak before the heel lands, N, and work of the descent, J, by the title of the foot; None: it wedges."""
+    claims: Mapping[str, tuple[bool, str]]
+    """Whether each claim holds, and the evidence, by identifier; none where the rigid foot wedges."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether all claims do."""
+        return bool(self.claims) and all(holds for holds, _ in self.claims.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for machines."""
+        return {
+            "hang_pitch_deg": self.slip.pitch_deg,
+            "friction": self.slip.friction,
+            "feet": {
+                title: None if found is None else {"peak_before_heel_n": found[0], "energy_j": found[1]}
+                for title, found in self.figures.items()
+            },
+            "claims": {claim: holds for claim, (holds, _) in self.claims.items()},
+            "all_claims_hold": self.holds,
+        }
+
+
+def compare_hanging(outcomes: Outcomes) -> tuple[HangingComparison, ...]:
+    """Look at every claim of the slip test on feet that hang, with the fitted constants."""
+    fitted, results = PARAMETER_SETS[0], (PEAK_OF_TEST[SLIP_TEST], ENERGY)
+    compared = []
+    for slip in HANGING:
+        figures: dict[str, tuple[float, float] | None] = {}
+        for experiment in slip.experiments:
+            ran = experiment in slip.runs
+            values = [outcomes.statistic(experiment.identifier, fitted, each).mean for each in results if ran]
+            figures[experiment.title] = (values[0], values[1]) if ran else None
+        claims = {
+            each.identifier: _judged(each.identifier, outcomes, fitted, slip.experiments)
+            for each in SLIP_CLAIMS
+            if not slip.wedges
+        }
+        compared.append(HangingComparison(slip, figures, claims))
+    return tuple(compared)
+
+
+def _judged(
+    claim: str, outcomes: Outcomes, parameter_set: str, feet: Sequence[Experiment] = SLIP_EXPERIMENTS
+) -> tuple[bool, str]:
+    """Judge a claim by the rigid, the unjammed and the jammed foot."""
     rigid, unjammed, jammed = (
-        outcomes.statistic(experiment.identifier, parameter_set, PEAK_OF_TEST[SLIP_TEST]).mean
-        for experiment in (SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED)
+        outcomes.statistic(experiment.identifier, parameter_set, PEAK_OF_TEST[SLIP_TEST]).mean for experiment in feet
     )
     if claim == "largest_peak_jammed":
         return jammed > max(rigid, unjammed), f"jammed {jammed:.1f} N, unjammed {unjammed:.1f} N, rigid {rigid:.1f} N"
@@ -208,8 +256,7 @@ def _judged(claim: str, outcomes: Outcomes, parameter_set: str) -> tuple[bool, s
         )
         return are_similar(unjammed, rigid), evidence
     rigid_j, jammed_j = (
-        outcomes.statistic(experiment.identifier, parameter_set, ENERGY).mean
-        for experiment in (SLIP_RIGID, SLIP_JAMMED)
+        outcomes.statistic(experiment.identifier, parameter_set, ENERGY).mean for experiment in (feet[0], feet[-1])
     )
     ratio = jammed_j / rigid_j
     evidence = (

@@ -22,7 +22,7 @@ from studies.paper.tables import DROP_TEST, RELATIVE, ROWS, SLIP_CLAIMS, STANDAR
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from studies.paper.comparison import ClaimComparison, RowComparison, SlipStatistic, Statistic
+    from studies.paper.comparison import ClaimComparison, HangingComparison, RowComparison, SlipStatistic, Statistic
     from studies.paper.figures import Picture
     from studies.paper.refit import FitResult
 
@@ -63,6 +63,8 @@ class Findings:
     rows: Sequence[RowComparison]
     claims: Sequence[ClaimComparison]
     slips: Sequence[SlipStatistic]
+    hanging: Sequence[HangingComparison]
+    """The slip test on feet that hang."""
     pictures: Sequence[Picture]
     reasons: Mapping[str, str]
     """Why the printed constants miss or do not, one sentence per identifier of a row or claim."""
@@ -91,6 +93,8 @@ def page(findings: Findings) -> str:
         tables=[_table(findings, *table) for table in _TABLES],
         claims=_claims(findings),
         feet=_feet(findings.slips),
+        hanging=[_hanging(each) for each in findings.hanging],
+        refuted=not any(each.holds for each in findings.hanging),
         broken=findings.broken,
         pi=math.pi,
         drop=DropOptions(),
@@ -177,6 +181,18 @@ def _feet(slips: Sequence[SlipStatistic]) -> list[dict[str, Any]]:
             }
         )
     return [{"title": title, "sets": cells} for title, cells in sets.items()]
+
+
+def _hanging(compared: HangingComparison) -> dict[str, Any]:
+    held = [claim.text for claim in SLIP_CLAIMS if compared.claims.get(claim.identifier, (False, ""))[0]]
+    return {
+        "pitch": f"{compared.slip.pitch_deg:g}°",
+        "friction": f"{compared.slip.friction:.2f}",
+        "feet": [
+            "wedges" if found is None else f"{found[0]:.1f} N, {found[1]:.2f} J" for found in compared.figures.values()
+        ],
+        "held": "; ".join(held) if held else "-" if compared.claims else "a rigid foot that wedges has no peak",
+    }
 
 
 def _refit(fit: FitResult | None) -> dict[str, Any] | None:

@@ -17,7 +17,9 @@ from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.parameters import from_mapping
 from jammkle_common.processes import end_with_parent
 from jammkle_sim.rigs.catalogue import rig_kind, run_rig, scattered
+from jammkle_sim.rigs.model import hung
 from jammkle_sim.rigs.recording import smoothed
+from jammkle_sim.rigs.slip import Footing, SlipOptions
 from studies.paper.tables import DROP_TEST, ROWS, SLIP_TEST, TENSILE_TEST
 
 if TYPE_CHECKING:
@@ -78,6 +80,53 @@ SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED = (
 )
 SLIP_EXPERIMENTS = (SLIP_RIGID, SLIP_UNJAMMED, SLIP_JAMMED)
 """What the claims of the slip test compare."""
+
+
+@dataclass(frozen=True)
+class HangingSlip:
+    """The slip test on feet that hang toe-down, the rigid one fixed at it, with one friction for all three."""
+
+    pitch_deg: float
+    friction: float
+
+    @property
+    def wedges(self) -> bool:
+        """Whether no force makes the rigid foot slide."""
+        slip = SlipOptions()
+        footing = Footing(slip.slope_deg, slip.leg_m, hung(None, self.pitch_deg))
+        return self.friction >= footing.wedging_friction
+
+    @property
+    def experiments(self) -> tuple[Experiment, Experiment, Experiment]:
+        """The rigid, the unjammed and the jammed foot."""
+        pose = {
+            "hang_pitch_deg": self.pitch_deg,
+            "friction": self.friction,
+            "edge_friction": self.friction,
+        }
+        rigid, unjammed, jammed = (
+            Experiment(
+                f"{flat.identifier}_{self.pitch_deg:g}_{self.friction:g}",
+                SLIP_TEST,
+                flat.title,
+                {**flat.values, **pose},
+            )
+            for flat in SLIP_EXPERIMENTS
+        )
+        return rigid, unjammed, jammed
+
+    @property
+    def runs(self) -> tuple[Experiment, ...]:
+        """Those that can be run."""
+        return self.experiments[1:] if self.wedges else self.experiments
+
+
+HANGING = (
+    *(HangingSlip(40.0, friction) for friction in (0.30, 0.55, 0.58, 0.65)),
+    *(HangingSlip(20.0, friction) for friction in (0.49, 0.60)),
+)
+"""The pitch of the drop rig, and half of it, below and beyond the friction that wedges a rigid foot. Each is run once,
+with the fitted constants."""
 
 CURVE_EXPERIMENTS = tuple(
     Experiment(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from typing import TYPE_CHECKING
 
@@ -188,11 +189,9 @@ class JammingPolicy:
     def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
         parameters = self.parameters
-        if parameters.mode is PolicyMode.ALWAYS_SOFT:
-            return dict.fromkeys(CHANNELS, 0.0)
-        if parameters.mode is PolicyMode.ALWAYS_JAMMED:
-            return dict.fromkeys(CHANNELS, parameters.hold_vacuum_pa)
-        fixed_pa = parameters.landing_vacuum_pa if parameters.mode is PolicyMode.FIXED else None
+        fixed_pa = self._fixed_pa
+        if parameters.mode in (PolicyMode.ALWAYS_SOFT, PolicyMode.ALWAYS_JAMMED):
+            return dict.fromkeys(CHANNELS, fixed_pa or 0.0)
         chosen_pa = self._chosen_pa if fixed_pa is None else dict.fromkeys(CHANNELS, fixed_pa)
         gripping = self._first or CHANNELS
         wanted: Mapping[SetPoint, Mapping[str, float]] = {
@@ -203,6 +202,15 @@ class JammingPolicy:
             SetPoint.KEEP: self._kept,
         }
         return wanted[SET_POINTS[self.state]]
+
+    @property
+    def _fixed_pa(self) -> float | None:
+        """Vacuum with which a baseline meets every landing, Pa; None: it is chosen."""
+        return {
+            PolicyMode.ALWAYS_SOFT: 0.0,
+            PolicyMode.ALWAYS_JAMMED: self.parameters.hold_vacuum_pa,
+            PolicyMode.FIXED: self.parameters.landing_vacuum_pa,
+        }.get(self.parameters.mode)
 
     def advance(self, time_ns: int) -> None:
         """Take the stamp of the sample at hand, before its events; takes what is due by time alone."""
@@ -298,15 +306,20 @@ class JammingPolicy:
             why = "foreseen by the gait or its rhythm"
             self.landing = Landing(0.0, LandingModel().onset_pa, reached_pa, why, time_ns=time_ns)
         else:
-            why = f"{self._what_was_foreseen(time_ns)}: met as it was"
+            then = "met as it was, and jammed at once" if parameters.takes_blows else "met as it was"
+            why = f"{self._what_was_foreseen(time_ns)}: {then}"
             self.landing = Landing(0.0, 0.0, 0.0, why, surprised=True, time_ns=time_ns)
+        fixed_pa = self._fixed_pa
+        if fixed_pa is not None:
+            why = f"policy is {parameters.mode.value}: the vacuum is the same for every landing"
+            self.landing = dataclasses.replace(self.landing, chosen_pa=fixed_pa, reached_pa=fixed_pa, why=why)
         self._fall = self._touchdown_ns = self._given_up_ns = None
 
     def _what_was_foreseen(self, time_ns: int) -> str:
         """Say what was foreseen of a touch-down that nothing was prepared for."""
         foreseen_ns = self._given_up_ns if self._touchdown_ns is None else self._touchdown_ns
         if foreseen_ns is None:
-            return "nothing foresaw it"
+            return "nothing foresaw it" if self.parameters.takes_blows else "a foot that hangs flat has no way to give"
         by_ms = 1e3 * (time_ns - foreseen_ns) / NANOSECONDS_PER_SECOND
         early_or_late = "later" if by_ms > 0.0 else "earlier"
         return f"{abs(by_ms):.0f} ms {early_or_late} than the gait or its rhythm foresaw"

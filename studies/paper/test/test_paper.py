@@ -30,6 +30,7 @@ from studies.paper.figures import deformation
 from studies.paper.reasons import REASONS
 from studies.paper.runs import (
     ENERGY,
+    HANGING,
     PARAMETER_SETS,
     ROW_EXPERIMENTS,
     SLIP_EXPERIMENTS,
@@ -37,6 +38,7 @@ from studies.paper.runs import (
     SLIP_RIGID,
     SLIP_UNJAMMED,
     Curve,
+    HangingSlip,
     Outcome,
     Task,
     run_all,
@@ -186,6 +188,32 @@ def test_every_row_claim_and_reason_is_on_the_page(written: tuple[str, dict[str,
     for claim in SLIP_CLAIMS:
         assert f'<tr id="{claim.identifier}">' in text
     assert all(entry.sentence in text for entry in REASONS)
+
+
+def test_the_claims_on_feet_that_hang_are_on_the_page(written: tuple[str, dict[str, Any]]) -> None:
+    """At every pitch and friction, with what a rigid foot that wedges makes of them."""
+    page, content = written
+    table = page.partition('<table id="hanging">')[2].partition("</table>")[0]
+    assert table.count("<tr>") == len(HANGING) + 1
+    assert [(each["hang_pitch_deg"], each["friction"]) for each in content["slip_hanging"]] == [
+        (slip.pitch_deg, slip.friction) for slip in HANGING
+    ]
+    wedged = [each for each in content["slip_hanging"] if each["feet"]["Rigid ankle"] is None]
+    assert [each["friction"] for each in wedged] == [0.65, 0.60]
+    assert not any(each["claims"] for each in wedged)
+    assert not any(each["all_claims_hold"] for each in content["slip_hanging"])
+    assert "At none of them do all three claims hold." in page
+
+
+def test_on_feet_that_hang_every_toe_slides_or_the_rigid_one_wedges() -> None:
+    """As the drop rig has them: below the friction that wedges, jamming makes no peak of its own, and no more work."""
+    slides = HangingSlip(40.0, 0.55)
+    tasks = [Task(each, "fitted", 0, None) for each in slides.runs]
+    rigid, unjammed, jammed = (run_task(task).results for task in tasks)
+    assert not slides.wedges
+    assert max(each["peak_before_heel_n"] for each in (rigid, unjammed, jammed)) < 3.0
+    assert jammed[ENERGY] < 1.2 * rigid[ENERGY]
+    assert HangingSlip(40.0, 0.60).wedges
 
 
 def test_the_score_leaves_out_what_no_tendon_decides(written: tuple[str, dict[str, Any]]) -> None:
