@@ -31,7 +31,6 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import Source
 from jammkle_controller.core.imu import Freshness
 from jammkle_controller.core.inputs import Input
-from jammkle_controller.core.landing import travel_m
 from jammkle_controller.core.leg import leg_of
 from jammkle_controller.core.reading import imu_sample_of, load_n_of, received_in
 from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
@@ -193,7 +192,7 @@ class ControllerNode(LockstepNode):
         landing = self._controller.landing
         if landing is not None and landing.time_ns != self._landed_ns:
             self._landed_ns = landing.time_ns
-            self._landings.publish(landing_message(landing, travel_m(self._values.hang_pitch_rad)))
+            self._landings.publish(landing_message(landing, self._values.landing_travel_m))
 
     def _command(self, *, anew: bool = False) -> None:
         self._commands.publish(

@@ -134,6 +134,14 @@ class ControllerParameters:
     load_kg: float = parameter(
         RATED_KG, "What falls on this ankle in a landing; more counts where load or efforts show it", "kg", 0.1, 100.0
     )
+    slope_deg: float = parameter(
+        0.0,
+        "Slope of the ground that is landed on, rising toward the toes, where it is known: more way, so less vacuum",
+        "deg",
+        0.0,
+        40.0,
+        dynamic=True,
+    )
     hold_vacuum_pa: float = parameter(
         40e3,
         "Vacuum of a stance; at most the driver's max_vacuum_pa. Less than full_vacuum_pa, so that a slip finds more",
@@ -156,14 +164,6 @@ class ControllerParameters:
         "s",
         0.0,
         1.0,
-        dynamic=True,
-    )
-    slip_hold_s: float = parameter(
-        0.5,
-        "From the last slip to the state recovering, at full_vacuum_pa: the pump takes as long",
-        "s",
-        0.0,
-        10.0,
         dynamic=True,
     )
     recover_s: float = parameter(
@@ -251,6 +251,11 @@ class ControllerParameters:
     def takes_blows(self) -> bool:
         """Whether the foot hangs so that the ankle can give in a landing."""
         return travel_m(self.hang_pitch_rad) >= LEAST_TRAVEL_M
+
+    @property
+    def landing_travel_m(self) -> float:
+        """By how much the Achilles pair is stretched until the sole is flat, on the slope that is known, m."""
+        return travel_m(self.hang_pitch_rad, math.radians(self.slope_deg))
 
     @property
     def raised_m(self) -> float:

@@ -81,6 +81,14 @@ def test_a_small_fall_is_met_softer_than_a_great_one() -> None:
     assert great.reached_pa >= great.chosen_pa - 2.5e3
 
 
+def test_a_slope_that_is_known_is_met_softer() -> None:
+    """It rises toward the toes, and gives more way; one that is not known is level."""
+    level, slope = landed(0.1).landing, landed(0.1, slope_deg=12.0).landing
+    assert level is not None
+    assert slope is not None
+    assert slope.chosen_pa < 0.8 * level.chosen_pa
+
+
 def test_the_load_that_was_measured_counts_if_it_is_more() -> None:
     """What load cell or efforts have shown of a stance, and not less than the ankle is rated for."""
     rated, light, heavy = (landed(0.06, shown_kg=shown_kg).landing for shown_kg in (0.0, 0.9, 2.5))

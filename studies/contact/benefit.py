@@ -34,6 +34,7 @@ from studies.contact.ways import (
     HINDSIGHT,
     JAMMED,
     JAMMED_S,
+    KNOWING,
     RATE_HZ,
     RIGID,
     SOFT,
@@ -203,7 +204,7 @@ def benefit(
         on_progress((number + 0.3) / len(robots), f"{robot}: held out, fixed at {best_pa * 1e-3:.0f} kPa")
         landings = [draw(robot, 1000 * seed + index, held_out=True) for index in range(runs)]
         at = {_fixed(vacuum_pa): landed(landings, FIXED, vacuum_pa) for vacuum_pa in VACUUMS_PA}
-        by_way = {way: landed(landings, way) for way in (AUTO, BLIND)}
+        by_way = {way: landed(landings, way) for way in (AUTO, BLIND, KNOWING)}
         by_way |= {_fixed(best_pa) + ", the best of the tuning side": at[_fixed(best_pa)]}
         by_way |= {way: landed(landings, way) for way in (SOFT, JAMMED, RIGID)}
         by_way[HINDSIGHT] = [

@@ -26,7 +26,8 @@ _STRIKES_M_S = 0.1
 """Speed of the base from which on a heel that touches has struck."""
 _TOUCH_M = 0.0051
 """Height of a heel's centre at which it touches: its radius, and a little."""
-_PITCHES_RAD = (0.0, 0.2, 0.35, 0.44, 0.52, 0.6, 0.7, 0.8)
+_PITCHES_RAD = (0.0, 0.2, 0.35, 0.44, 0.52, 0.6, 0.7, 0.78)
+"""Up to what a robot can be built with, 45 degrees."""
 
 
 class Tried(NamedTuple):

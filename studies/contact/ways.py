@@ -19,18 +19,20 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.simulation import Sample
     from jammkle_sim.robots.robot import Robot
 
-AUTO, BLIND, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT = (
+AUTO, BLIND, KNOWING, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT = (
     "auto",
     "auto, payload not known",
+    "auto, slope known",
     "fixed",
     "always soft",
     "always jammed",
     "rigid",
     "hindsight",
 )
-WAYS = (AUTO, BLIND, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT)
-"""Of landings. Auto; auto that does not know the payload; one vacuum for every landing; the ankle never jammed; always
-jammed; the same foot on a locked joint; and in hindsight the vacuum that was best for that very landing."""
+WAYS = (AUTO, BLIND, KNOWING, FIXED, SOFT, JAMMED, RIGID, HINDSIGHT)
+"""Of landings. Auto; auto that does not know the payload, and that knows the slope; one vacuum for every landing; the
+ankle never jammed; always jammed; the same foot on a locked joint; and in hindsight the vacuum that was best for that
+very landing."""
 HELD_PA = ControllerParameters().hold_vacuum_pa
 FEET = {"leg": 1, "quadruped": 4, "mini_cheetah": 4}
 """Robots that are tried, and on how many ankles they stand."""
@@ -71,6 +73,7 @@ class Tried:
             hang_pitch_deg=options.hang_pitch_deg,
             landing_vacuum_pa=vacuum_pa or HELD_PA,
             load_kg=mass_kg / FEET[robot],
+            slope_deg=options.slope_deg * (way == KNOWING),
         )
         # faults are not of concern, and take time
         driver = DriverParameters(reservoir_volume_m3=reservoir_m3, diagnose=False)
@@ -92,4 +95,4 @@ class Tried:
 
 def by_policy(way: str) -> bool:
     """Whether the controller decides by itself, with a reservoir."""
-    return way in (AUTO, BLIND)
+    return way in (AUTO, BLIND, KNOWING)

@@ -17,7 +17,6 @@ from jammkle_controller.core.landing import (
     Landing,
     LandingModel,
     Stored,
-    travel_m,
 )
 from jammkle_controller.parameters import PolicyMode
 
@@ -49,7 +48,7 @@ class Trigger(enum.Enum):
     TOUCHDOWN = "impact"
     SHOCK_OVER = "jam_delay_s over; at once where toes were hit and nothing was foreseen"
     SLIP = "slip"
-    STOPPED = "no slip for slip_hold_s"
+    STOPPED = "no slip for 0.5 s"
     RECOVERED = "no slip for recover_s"
     INHERITED = "at rest, and held by a controller before"
     SHOWN = "contact is shown without a touch-down: by switch, load, efforts, gait at rest, or ~/set_contact"
@@ -125,6 +124,8 @@ TRANSITIONS: Mapping[tuple[PolicyState, Trigger], PolicyState] = {
 """Where a pair is missing, the state stays as it is."""
 
 
+SLIP_OVER_S = 0.5
+"""From the last slip to the state recovering, s: the pump takes as long to full vacuum."""
 LONGEST_FALL_S = 0.3
 """Fall that is looked ahead to where a vacuum takes longer, s: 0.44 m."""
 MISSED_S = 0.15
@@ -225,7 +226,7 @@ class JammingPolicy:
         elif self.state is PolicyState.SLIPPING:
             if self._first and since_ns >= _nanoseconds(parameters.side_first_s):
                 self._first = ()
-            if since_ns >= _nanoseconds(parameters.slip_hold_s):
+            if since_ns >= _nanoseconds(SLIP_OVER_S):
                 self._take(Trigger.STOPPED)
         elif self.state is PolicyState.RECOVERING and since_ns >= _nanoseconds(parameters.recover_s):
             self._take(Trigger.RECOVERED)
@@ -263,8 +264,7 @@ class JammingPolicy:
         """Take that the body has been falling freely since a time, ns: no plan counts until it lands."""
         parameters = self.parameters
         if self._fall is None and parameters.takes_blows and self.state in (PolicyState.SWING, PolicyState.PREPARING):
-            travel = travel_m(parameters.hang_pitch_rad)
-            mass_kg = max(parameters.load_kg, self._load_kg)
+            mass_kg, travel = max(parameters.load_kg, self._load_kg), parameters.landing_travel_m
             self._fall = Fall(begin_ns, mass_kg, travel, parameters.full_vacuum_pa, self._air(self._braced))
 
     @property
