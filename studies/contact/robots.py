@@ -325,9 +325,7 @@ def robot_recordings(
     if body is not None:
         recordings = [dataclasses.replace(body, **truth_of(each)) for each in feet]
     recordings = [
-        dataclasses.replace(
-            foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name), fell_s=fell_s
-        )
+        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name), fell_s=fell_s)
         for foot, leg, pose, name in zip(recordings, legs, poses, names, strict=True)
     ]
     return recordings if body is None else [felt_on_the_body(body, feet, recordings)]

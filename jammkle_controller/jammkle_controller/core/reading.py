@@ -127,7 +127,7 @@ def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
 
 
 def ankle_reading(message: Any, hip: str, knee: str) -> AnkleReading | None:
-    """Return angles and rates of the ankle, and rates of hip and knee (sensor_msgs/JointState); None: the message lacks some."""
+    """Return angles and rates of the ankle, hip and knee (sensor_msgs/JointState); None: the message lacks some."""
     roll, pitch, _ = names.ANKLE_JOINTS
     values = _of_joints(message, (pitch, roll, hip, knee), "position", "velocity")
     if values is None:
