@@ -12,7 +12,7 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(exclude=["test"]),
-    package_data={f"{NAME}.core": ["learned.json"]},
+    package_data={f"{NAME}.core": ["learned.json", "ankle.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -41,7 +41,7 @@ def felt(parameters: ControllerParameters, until_s: float) -> tuple[AnkleControl
         if step % round(READ_S / IMU_S) == 0:
             at_s = step * IMU_S
             rate_rad_s = (pitch_rad(at_s) - pitch_rad(at_s - READ_S)) / READ_S
-            events += controller.on_ankle(AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0), time_ns).events
+            events += controller.on_ankle(AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0, 0.0), time_ns).events
         events += controller.update(still(step, time_ns, STANDARD_GRAVITY_M_S2)).events
     return controller, events
 
@@ -91,7 +91,7 @@ def test_free_fall_says_more_than_an_angle() -> None:
     for step in range(1, 51):
         time_ns = begun_ns + round(step * IMU_S * NANOSECONDS_PER_SECOND)
         if step % round(READ_S / IMU_S) == 0:
-            kinds += controller.on_ankle(AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0), time_ns).events
+            kinds += controller.on_ankle(AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0, 0.0), time_ns).events
         force_m_s2 = max(0.3, STANDARD_GRAVITY_M_S2 * (1.0 - 0.15 * step))  # let go within 15 ms
         kinds += controller.update(still(step, time_ns, force_m_s2)).events
     assert [event.kind for event in kinds] == [ContactKind.LIFTOFF]
@@ -103,7 +103,7 @@ def test_what_is_no_number_is_left_out() -> None:
     controller = AnkleController(ControllerParameters(hang_pitch_deg=HANG_DEG))
     for step in range(100):
         time_ns = round(step * READ_S * NANOSECONDS_PER_SECOND)
-        broken = AnkleReading(math.nan, 0.0, 0.0, 0.0, 0.0)
+        broken = AnkleReading(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
         assert not controller.on_ankle(broken, time_ns).events
     assert controller.contact.contact is Contact.UNKNOWN
 
@@ -112,7 +112,7 @@ def test_a_message_without_rates_or_leg_is_none() -> None:
     """It takes angles and rates of ankle, hip and knee; roll and pitch alone are received as such."""
     names = ["ankle_roll", "ankle_pitch", "ankle_yaw", "hip", "knee"]
     whole = SimpleNamespace(name=names, position=[0.1, 0.2, 0.0, 1.0, 2.0], velocity=[1.0, 2.0, 0.0, 3.0, 4.0])
-    assert ankle_reading(whole, "hip", "knee") == AnkleReading(0.2, 0.1, 2.0, 1.0, 7.0)
+    assert ankle_reading(whole, "hip", "knee") == AnkleReading(0.2, 0.1, 2.0, 1.0, 3.0, 4.0)
     assert ankle_reading(SimpleNamespace(name=names, position=whole.position, velocity=[]), "hip", "knee") is None
     stamp = SimpleNamespace(sec=1, nanosec=5)
     bare = SimpleNamespace(name=names[:3], position=[0.1, 0.2, 0.0], velocity=[], header=SimpleNamespace(stamp=stamp))

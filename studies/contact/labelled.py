@@ -65,6 +65,8 @@ class LabelledRecording:
     """Of a body: the recording of each foot, whose leg is read."""
     leaves_s: tuple[float, ...] = ()
     """Every time that the foot lost touch: lift-offs, rebounds, and the ends of grazes."""
+    fell_s: float = math.inf
+    """When the robot fell over; infinite: it did not."""
 
     def ankle_readings(self) -> list[tuple[int, AnkleReading]]:
         """Return what the controller reads of the ankle, with stamps, ns, where its joints are measured."""
@@ -72,7 +74,7 @@ class LabelledRecording:
             (
                 at_ns,
                 AnkleReading(
-                    pose.pitch_rad, pose.roll_rad, pose.pitch_rad_s, pose.roll_rad_s, pose.hip_rad_s + pose.knee_rad_s
+                    pose.pitch_rad, pose.roll_rad, pose.pitch_rad_s, pose.roll_rad_s, pose.hip_rad_s, pose.knee_rad_s
                 ),
             )
             for at_ns, pose in self.poses

@@ -1,4 +1,4 @@
-"""Learn the density ratios of the detectors anew, and say whether they are better.
+"""Learn the density ratios of the detectors anew, and say whether they are better; learn the trees of the ankle.
 
     python -m studies.contact.relearn [--write]
 
@@ -6,11 +6,14 @@ They are learned on synthetic walks and a simulated leg, of seeds below the `FIR
 are judged by cross-validation, each fold by ratios that were learned on the others; those in use may have seen all of
 it, which is in their favour. Nothing held out and no recording is in it. The weights in `learned.json` are older than
 the present truth of simulated steps (rebounds and grazes): learned anew they come out no better (README.md).
+
+The trees that tell a stance from a swing by the ankle are learned on legs and quadrupeds of the tuning part's ranges.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import math
 import sys
@@ -19,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from sklearn.ensemble import HistGradientBoostingClassifier  # type: ignore[import-untyped]  # carries no types
 from sklearn.linear_model import LogisticRegression  # type: ignore[import-untyped]  # carries no types
 
 import jammkle_controller.core
@@ -26,7 +30,7 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import Phase
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate
-from jammkle_controller.core.leg_contact import AnkleMotion
+from jammkle_controller.core.leg_contact import TREES_FILE, AnkleMotion
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import (
     LEAST_BLOW_M_S2,
@@ -37,12 +41,13 @@ from jammkle_controller.core.stepping import (
     ratios_of,
 )
 from jammkle_controller.parameters import ControllerParameters, Mount
-from studies.contact.labelled import CLOCK_START_S, walk
+from jammkle_sim.robots.options import ROBOTS
+from studies.contact.labelled import ANGLE_RATE_NOISE_RAD_S, walk
 from studies.contact.robots import robot_recordings
-from studies.contact.trial import KINDS, SEEN_S, Score, detected_by_ours, harmonic_mean, scored
+from studies.contact.trial import KINDS, Score, detected_by_ours, harmonic_mean, scored
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -80,39 +85,65 @@ def learn(mount: str, recordings: Sequence[LabelledRecording]) -> dict[str, dict
     return made | {f"slide_{mount}": _slides(mount, recordings, ratios_of(made, mount))}
 
 
-ANKLE_RUNS = 120
+ANKLE_RUNS = 200
+"""Of each robot."""
 LEAST_HANG_DEG, MOST_HANG_DEG = 20.0, 40.0
-"""Pitches at which feet hang in what is learned from, so that one ratio is that of every toe."""
-_ANKLE_UNSURE_S = 0.004
-"""So near to a change of contact angles say nothing clear: half of the time between two readings."""
+"""Pitches at which feet hang in what is learned from, so that the trees are those of every toe."""
+TREES, LEAVES, LEARNING_RATE = 150, 31, 0.12
 
 
-def ankle_runs(runs: int = ANKLE_RUNS) -> list[tuple[float, list[LabelledRecording]]]:
-    """Make what the ankle's ratio is learned from: of each seed a pitch at which the foot hangs, rad, and a leg."""
-    made = []
-    for seed in range(runs):
-        hang_deg = float(np.random.default_rng([seed, 81]).uniform(LEAST_HANG_DEG, MOST_HANG_DEG))
-        made.append((math.radians(hang_deg), robot_recordings("leg", seed, "shank", hang_pitch_deg=hang_deg)))
-    return made
+def ankle_runs(runs: int = ANKLE_RUNS) -> Iterator[tuple[float, list[LabelledRecording]]]:
+    """Make what the ankle's trees are learned from: pitches at which feet hang, rad, and recordings of all feet."""
+    for robot in ROBOTS:
+        for seed in range(runs):
+            chance = np.random.default_rng([seed, 81])
+            hang_deg = float(chance.uniform(LEAST_HANG_DEG, MOST_HANG_DEG))
+            recordings = robot_recordings(robot, seed, Mount.SHANK.value, hang_pitch_deg=hang_deg)
+            if robot == "leg":
+                recordings += [held_still(recording, chance) for recording in recordings]
+            yield math.radians(hang_deg), recordings
 
 
-def learn_ankle(runs: Sequence[tuple[float, list[LabelledRecording]]]) -> dict[str, dict[str, Any]]:
-    """Learn the ratio of the ankle's angles in a swing and in a stance; return it by name, as `learned.json` has it."""
-    rows: list[tuple[tuple[float, ...], bool]] = []
+def held_still(recording: LabelledRecording, chance: np.random.Generator) -> LabelledRecording:
+    """Return the same with a hip and a knee that do not turn, as where a hand lifts a robot and puts it down."""
+    noise = chance.normal(0.0, ANGLE_RATE_NOISE_RAD_S, (len(recording.poses), 2)).tolist()
+    poses = [
+        (at_ns, pose._replace(hip_rad_s=hip_rad_s, knee_rad_s=knee_rad_s))
+        for (at_ns, pose), (hip_rad_s, knee_rad_s) in zip(recording.poses, noise, strict=True)
+    ]
+    return dataclasses.replace(recording, poses=poses)
+
+
+def learn_ankle(runs: Iterable[tuple[float, list[LabelledRecording]]]) -> dict[str, Any]:
+    """Learn to tell a stance from a swing by the ankle; return the trees, as `ankle.json` has them."""
+    rows: list[NDArray[np.float32]] = []
+    labels: list[bool] = []
     for hang_rad, recordings in runs:
         for recording in recordings:
             motion, readings = AnkleMotion(hang_rad), recording.ankle_readings()
             times_s = np.array([at_ns for at_ns, _ in readings]) / NANOSECONDS_PER_SECOND
-            stands = recording.in_contact(times_s)
-            # what is dropped hangs still before it first touches, and counts as neither
-            touched_s = min(recording.touches_s, default=np.inf)
-            changes = np.array([touched_s, *recording.touchdowns_s, *recording.liftoffs_s])
-            for (at_ns, reading), at_s, on_ground in zip(readings, times_s.tolist(), stands.tolist(), strict=True):
-                looked = motion.follow(reading, at_ns)
-                clear = float(np.abs(changes - at_s).min()) > _ANKLE_UNSURE_S and at_s > touched_s
-                if looked is not None and clear and at_s > CLOCK_START_S + SEEN_S:
-                    rows.append((looked[0], not on_ground))
-    return {"swing_ankle": _fitted(rows, balanced=True)}
+            # what is dropped hangs before it first touches
+            stands = recording.in_contact(times_s) & (times_s >= min(recording.touches_s, default=np.inf))
+            for (at_ns, reading), on_ground in zip(readings, stands.tolist(), strict=True):
+                features = motion.follow(reading, at_ns)
+                if features is not None:
+                    rows.append(np.array(features, dtype=np.float32))
+                    labels.append(on_ground)
+    model = HistGradientBoostingClassifier(
+        max_iter=TREES, max_leaf_nodes=LEAVES, learning_rate=LEARNING_RATE, min_samples_leaf=40, early_stopping=False
+    ).fit(np.vstack(rows), np.array(labels))
+    # scikit-learn shows these trees nowhere else
+    made = [_tree(each.nodes, 0) for (each,) in model._predictors]  # noqa: SLF001
+    return {"constant": round(float(model._baseline_prediction.item()), 4), "trees": made}  # noqa: SLF001
+
+
+def _tree(nodes: Any, index: int) -> float | list[Any]:
+    """Return a tree from one of its nodes on, as `StanceTrees` has it."""
+    node = nodes[index]
+    if node["is_leaf"]:
+        return round(float(node["value"]), 4)
+    below, above = (_tree(nodes, int(node[side])) for side in ("left", "right"))
+    return [int(node["feature_idx"]), round(float(node["num_threshold"]), 5), below, above]
 
 
 def _slides(mount: str, recordings: Sequence[LabelledRecording], ratios: StepRatios) -> dict[str, Any]:
@@ -255,14 +286,18 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="put the new ones into the controller")
     parser.add_argument("--runs", type=int, default=RUNS, help=f"seeds to learn from, {FOLDS} or more")
     parser.add_argument(
-        "--what", nargs="+", choices=("imu", "ankle"), default=["imu", "ankle"], help="ratios to learn: none: all"
+        "--what", nargs="+", choices=("imu", "ankle"), default=["imu", "ankle"], help="what to learn; none: all"
     )
     wanted = parser.parse_args()
     if wanted.runs < FOLDS:
         parser.error(f"--runs is {wanted.runs}; it must be {FOLDS} or more, one for each fold")
-    made: dict[str, Any] = learn_ankle(ankle_runs(ANKLE_RUNS)) if "ankle" in wanted.what else {}
-    for what, entry in made.items():
-        sys.stdout.write(f"{what}: {entry['learned_from']}\n")
+    core = Path(jammkle_controller.core.__file__).parent
+    if "ankle" in wanted.what:
+        trees = learn_ankle(ankle_runs())
+        sys.stdout.write(f"ankle: {len(trees['trees'])} trees\n")
+        if wanted.write:
+            (core / TREES_FILE).write_text(json.dumps(trees, separators=(",", ":")) + "\n", encoding="utf-8")
+    made: dict[str, Any] = {}
     for mount in (Mount.FOOT.value, Mount.SHANK.value) if "imu" in wanted.what else ():
         runs = runs_of(mount, wanted.runs)
         recordings = [recording for run in runs for recording in run]
@@ -271,8 +306,8 @@ def main() -> int:
             sys.stdout.write(f"{mount} {kind}: in use {_reported(old[kind])}; new {_reported(new[kind])}\n")
             sys.stdout.flush()
         made |= learn(mount, recordings)
-    if wanted.write:
-        path = Path(jammkle_controller.core.__file__).with_name(WEIGHTS_FILE)
+    if wanted.write and made:
+        path = core / WEIGHTS_FILE
         others = json.loads(path.read_text(encoding="utf-8"))
         path.write_text(json.dumps(others | made, indent=1) + "\n", encoding="utf-8")
     return 0

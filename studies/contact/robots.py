@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,8 @@ JOINED_S = 0.03
 """Two slides with less than this between them are one."""
 LEAST_WAY_M = 0.004
 """A shorter way is no slip that anybody need act on: less than half of the aim of 10 mm."""
+FALLEN_RAD = math.radians(45.0)
+"""Beyond this tilt against the ground a robot has fallen over, and its feet wave in the air."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +82,11 @@ class Keeper:
     def __init__(self) -> None:
         """Keep nothing yet."""
         self._rows: dict[str, list[tuple[Any, ...]]] = {}
+        self._tilts_rad: list[float] = []
 
     def keep(self, sample: Sample) -> None:
         """Keep a sample."""
+        self._tilts_rad.append(sample.base_tilt_rad)
         for name, ankle in sample.ankles.items():
             foot = ankle.foot
             row = (
@@ -96,6 +101,11 @@ class Keeper:
                 *sample.base.angular_rad_s,
             )
             self._rows.setdefault(name, []).append(row)
+
+    def fell_s(self, slope_rad: float) -> float:
+        """Return when the robot fell over on ground of a slope, on the IMU's clock, s; infinite: it did not."""
+        fallen = np.flatnonzero(np.array(self._tilts_rad) - slope_rad > FALLEN_RAD)
+        return CLOCK_START_S + float(fallen[0]) / RATE_HZ if len(fallen) else math.inf
 
     def traces(self) -> dict[str, Traces]:
         """Return what was kept, by ankle."""
@@ -177,7 +187,11 @@ def felt_on_the_body(
             touchdowns_s.append(at_s)
     touches_s = sorted(at_s for foot in feet for at_s in foot.touches_s)
     return dataclasses.replace(
-        recording, touchdowns_s=tuple(touchdowns_s), touches_s=tuple(touches_s), feet=tuple(feet)
+        recording,
+        touchdowns_s=tuple(touchdowns_s),
+        touches_s=tuple(touches_s),
+        feet=tuple(feet),
+        fell_s=min(foot.fell_s for foot in feet),
     )
 
 
@@ -296,7 +310,7 @@ def robot_recordings(
             keeper.keep(sample)
     except UnstableSimulationError:
         return []
-    traces = keeper.traces()
+    traces, fell_s = keeper.traces(), keeper.fell_s(math.radians(options.slope_deg))
     feet, names = list(traces.values()), list(traces)
     if mount == Mount.BODY.value:
         traces = {"body": of_the_body(feet)}
@@ -311,7 +325,7 @@ def robot_recordings(
     if body is not None:
         recordings = [dataclasses.replace(body, **truth_of(each)) for each in feet]
     recordings = [
-        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name))
+        dataclasses.replace(foot, legs=leg, poses=pose, twists=twists, leg=leg_of_robot(robot, name), fell_s=fell_s)
         for foot, leg, pose, name in zip(recordings, legs, poses, names, strict=True)
     ]
     return recordings if body is None else [felt_on_the_body(body, feet, recordings)]

@@ -379,14 +379,18 @@ def detected_by_ours(
 
 
 def scored(recording: LabelledRecording, kind: str, times_s: Sequence[float]) -> Score:
-    """Score times of a kind on a recording, from `SEEN_S` after its begin."""
-    begin_s = CLOCK_START_S + SEEN_S
-    reported_s = [at_s for at_s in times_s if at_s >= begin_s]
+    """Score times of a kind on a recording, from `SEEN_S` after its begin until the robot falls over."""
+    begin_s, end_s = CLOCK_START_S + SEEN_S, recording.fell_s
+
+    def counted(all_s: Sequence[float]) -> list[float]:
+        return [at_s for at_s in all_s if begin_s <= at_s < end_s]
+
     if kind == "slip":
-        return score_slides([slide for slide in recording.slides if slide.begin_s >= begin_s], reported_s)
+        slides = [slide for slide in recording.slides if begin_s <= slide.begin_s < end_s]
+        return score_slides(slides, counted(times_s))
     truth_s = recording.touchdowns_s if kind == "impact" else recording.liftoffs_s
     unclear_s = recording.touches_s if kind == "impact" else recording.leaves_s
-    return score_times([at_s for at_s in truth_s if at_s >= begin_s], reported_s, kind, unclear_s)
+    return score_times(counted(truth_s), counted(times_s), kind, unclear_s)
 
 
 def run_trial(seed: int, steps: int, jobs: int, on_progress: Callable[[float, str], None]) -> Outcome:

@@ -12,7 +12,6 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import CHANGES, NO_UNIT, ContactEvent, Source
 from jammkle_controller.core.leg_contact import AnkleContact, LegLoad, LoadContact
 from jammkle_controller.core.slip import SoleSlip
-from jammkle_controller.core.stepping import learned_swing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -182,9 +181,7 @@ class ContactInputs:
         self._paired_ns: int | None = None
         self._leg_load: LegLoad | None = None
         self._leg_contact = LoadContact()
-        self._ankle_contact = (
-            AnkleContact(learned_swing("ankle"), parameters.hang_pitch_rad) if parameters.takes_blows else None
-        )
+        self._ankle_contact = AnkleContact(parameters.hang_pitch_rad) if parameters.takes_blows else None
         self.sole: SoleSlip | None = None
 
     def know(self, leg: Leg) -> None:

@@ -1,54 +1,59 @@
 """Contact felt with the leg itself: by the angles of its ankle, and by the efforts of hip and knee.
 
 A foot that hangs toe-down is a sensor: the ground turns it. What a foot does that swings is known but for noise: it
-hangs as the tendons let it, lags behind a shank that is turned, and creeps back to where it hung. So the likelihood of
-angle and rates in a swing is compared with that in a stance at every reading, by a learned ratio, and a filter adds up
-what looks in a row say.
+hangs as the tendons let it, lags behind a shank that is turned, and creeps back to where it hung. So boosted trees that
+were learned on simulated steps tell a stance from a swing at every reading, by it and by those of the last tenth of a
+second.
 """
 
 from __future__ import annotations
 
+import functools
+import json
 import math
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from importlib import resources
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import CHANGES, NEWTON, RADIAN, ContactEvent, Source
-from jammkle_controller.core.stepping import AS_LIKELY, SwingFilter, probability_of
+from jammkle_controller.core.stepping import AS_LIKELY, probability_of
 
 if TYPE_CHECKING:
-    from jammkle_controller.core.leg import Leg
-    from jammkle_controller.core.stepping import DensityRatio
+    from collections.abc import Sequence
 
-RATE_TIME_S = 0.1
-"""Time over which the usual rate is a mean, s: a foot creeps back for a tenth of a second and more after a lift-off."""
-SHORT_S, LONG_S = 0.01, 0.02
-"""Over which a change of rate is looked at, s: a touch-down stops a toe in 10 ms, what a swing's own inertia does takes
-50. On readings that come less often the change is that since the one before."""
+    from jammkle_controller.core.leg import Leg
+
+LAGS_S = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
+"""How long ago the readings are that are looked at together, s: a touch-down stops a toe in 10 ms, what a swing's own
+inertia does takes 50, and a foot creeps back for a tenth of a second and more after a lift-off. Of readings that come
+less often, one is looked at several times."""
+ROLLS = 3
+"""Of so many of them the rate of roll is looked at."""
 _ROUNDING_S = 0.001
-LEAST_TURN_RAD = 0.02
-"""By which the ground must have turned a foot from where it came closest to its hanging in this swing, rad: one that
-hangs still a few degrees off, as friction leaves it, does not stand for that. A tenth of what a stance turns it by."""
 LONGEST_GAP_S = 0.1
-"""After readings were missing for so long rates of before say nothing."""
-EVIDENCE_TIME_S = 0.01
-"""Looks closer than this count once: rates are those of encoders, and hardly filtered."""
-SWINGS_FROM, SWINGS_BELOW = 0.9, 0.1
-"""Probability of swing above and below which a foot has left and stands (Schmitt's trigger). The rates of errors were
-the same at 0.97 and 0.03."""
-CONFIRM_S = 0.02
-"""So long a foot must have left before that is reported, s: a toe that is unloaded for a moment is not to be vented."""
+"""After readings were missing for so long those of before say nothing."""
+STANDS_FROM, LEFT_FROM = 0.95, 0.8
+"""Probability from which on a foot stands, and probability of swing from which on it has left."""
+SOON_S = 0.06
+STANDS_SOON_FROM, LEFT_SOON_FROM = 0.99, 0.95
+"""The same within SOON_S of the change before: so soon most feet graze or rebound."""
+TREES_FILE = "ankle.json"
+
+Tree: TypeAlias = "float | list[Any]"
+"""What a tree adds to the log-odds; or a feature's index, a threshold, and the trees for what is not above it and what
+is."""
 
 
 class AnkleReading(NamedTuple):
-    """Angles, rad, and rates, rad/s, of the ankle, as in joint_states, and how fast the shank turns above it."""
+    """Angles, rad, and rates, rad/s, of the ankle, and rates of hip and knee above it, as in joint_states."""
 
     pitch_rad: float
     roll_rad: float
     pitch_rad_s: float
     roll_rad_s: float
-    shank_rad_s: float
-    """Sum of the rates of hip and knee, toe-down positive: of a body that does not turn, the shank's pitch rate."""
+    hip_rad_s: float
+    knee_rad_s: float
 
 
 class AnkleMotion:
@@ -57,51 +62,75 @@ class AnkleMotion:
     def __init__(self, hang_pitch_rad: float) -> None:
         """Have read nothing, and know where the soft foot hangs."""
         self._hang_pitch_rad = hang_pitch_rad
-        self._before: deque[tuple[int, AnkleReading]] = deque()
-        self._usual_rad_s = 0.0
+        self._readings: deque[tuple[int, AnkleReading]] = deque()
 
-    def follow(self, reading: AnkleReading, time_ns: int) -> tuple[tuple[float, ...], float] | None:
-        """Take the next reading; return what is looked at, and the time since the reading before, s.
+    def follow(self, reading: AnkleReading, time_ns: int) -> list[float] | None:
+        """Take the next reading; return what is looked at.
 
         Returns:
-            The angle from where it hangs; pitch rate, usual pitch rate, its change in 10 ms and in 20 ms; rate of the
-            foot, change of the shank's rate in 20 ms, size of the change of the roll rate in 20 ms. None: it is the
-            first, or cannot be compared with the one before.
+            Of each of LAGS_S the angle from where the foot hangs, rad, and the rates of pitch, hip and knee, rad/s; the
+            sizes of the latest rates of roll, rad/s, and of its angle, rad. None: there is nothing to compare it with.
 
         """
-        before = self._before
-        interval_s = (time_ns - before[-1][0]) / NANOSECONDS_PER_SECOND if before else 0.0
-        if not 0.0 < interval_s <= LONGEST_GAP_S:
-            if before and interval_s == 0.0:
-                return None
-            before.clear()
-            before.append((time_ns, reading))
-            self._usual_rad_s = reading.pitch_rad_s
+        readings = self._readings
+        if readings and readings[-1][0] == time_ns:
             return None
-        self._usual_rad_s += (reading.pitch_rad_s - self._usual_rad_s) * interval_s / (interval_s + RATE_TIME_S)
-        short, long = self._ago(SHORT_S, time_ns), self._ago(LONG_S, time_ns)
-        before.append((time_ns, reading))
-        while (time_ns - before[1][0]) / NANOSECONDS_PER_SECOND > LONG_S - _ROUNDING_S:
-            before.popleft()
-            if len(before) == 1:
-                break
-        return (
-            self._hang_pitch_rad - reading.pitch_rad,
-            reading.pitch_rad_s,
-            self._usual_rad_s,
-            reading.pitch_rad_s - short.pitch_rad_s,
-            reading.pitch_rad_s - long.pitch_rad_s,
-            reading.pitch_rad_s + reading.shank_rad_s,
-            reading.shank_rad_s - long.shank_rad_s,
-            abs(reading.roll_rad_s - long.roll_rad_s),
-        ), interval_s
+        if readings and not 0.0 < _between_s(readings[-1][0], time_ns) <= LONGEST_GAP_S:
+            readings.clear()
+        readings.append((time_ns, reading))
+        while len(readings) > 1 and _between_s(readings[1][0], time_ns) > LAGS_S[-1] - _ROUNDING_S:
+            readings.popleft()
+        if len(readings) == 1:
+            return None
+        looked = self._lagged(time_ns)
+        features = [
+            value
+            for each in looked
+            for value in (self._hang_pitch_rad - each.pitch_rad, each.pitch_rad_s, each.hip_rad_s, each.knee_rad_s)
+        ]
+        return [*features, *(abs(each.roll_rad_s) for each in looked[:ROLLS]), abs(reading.roll_rad)]
 
-    def _ago(self, ago_s: float, time_ns: int) -> AnkleReading:
-        """Return the youngest reading that is so old, or the oldest that is kept."""
-        for at_ns, reading in reversed(self._before):
-            if (time_ns - at_ns) / NANOSECONDS_PER_SECOND > ago_s - _ROUNDING_S:
-                return reading
-        return self._before[0][1]
+    def _lagged(self, time_ns: int) -> list[AnkleReading]:
+        """Return the youngest readings that are as old as LAGS_S, or the oldest that there is."""
+        lagged: list[AnkleReading] = []
+        for at_ns, reading in reversed(self._readings):
+            while len(lagged) < len(LAGS_S) and _between_s(at_ns, time_ns) > LAGS_S[len(lagged)] - _ROUNDING_S:
+                lagged.append(reading)
+        oldest = self._readings[0][1]
+        return lagged + [oldest] * (len(LAGS_S) - len(lagged))
+
+
+def _between_s(begin_ns: int, end_ns: int) -> float:
+    return (end_ns - begin_ns) / NANOSECONDS_PER_SECOND
+
+
+class StanceTrees:
+    """Log-odds that a foot stands, of what `AnkleMotion` looks at, by boosted trees.
+
+    Friedman, "Greedy Function Approximation: A Gradient Boosting Machine", Annals of Statistics 29 (2001): every tree
+    adds what corrects the sum of those before it.
+    """
+
+    def __init__(self, constant: float, trees: Sequence[Tree]) -> None:
+        """Take the log-odds of nothing known, and the trees."""
+        self._constant = constant
+        self._trees = trees
+
+    def log_odds(self, features: Sequence[float]) -> float:
+        """Return the logarithm of the odds of a stance to a swing."""
+        total = self._constant
+        for tree in self._trees:
+            while isinstance(tree, list):
+                index, threshold, lower, upper = tree
+                tree = lower if features[index] <= threshold else upper  # noqa: PLW2901 - down one tree
+            total += tree
+        return total
+
+
+@functools.cache
+def learned_stance() -> StanceTrees:
+    """Return the trees that were learned on simulated steps (`studies.contact.relearn`)."""
+    return StanceTrees(**json.loads(resources.files(__package__).joinpath(TREES_FILE).read_text(encoding="utf-8")))
 
 
 class _Decision:
@@ -122,57 +151,44 @@ class _Decision:
         known, self.stands = self.stands is not None, stands
         if not known:
             return None
-        return (time_ns - self._likely_ns) / NANOSECONDS_PER_SECOND if likely is stands else 0.0
+        return _between_s(self._likely_ns, time_ns) if likely is stands else 0.0
 
 
 class AnkleContact(_Decision):
-    """Decides from each reading whether the foot stands, by the forward filter of `SwingFilter`."""
+    """Decides from each reading whether the foot stands."""
 
-    def __init__(self, ratio: DensityRatio, hang_pitch_rad: float) -> None:
-        """Have felt nothing.
-
-        Args:
-            ratio: Of the densities in a swing and in a stance of what `AnkleMotion` looks at.
-            hang_pitch_rad: Where the soft foot hangs.
-
-        """
+    def __init__(self, hang_pitch_rad: float) -> None:
+        """Have felt nothing, and know where the soft foot hangs."""
         super().__init__()
         self._motion = AnkleMotion(hang_pitch_rad)
-        self._swing = SwingFilter(ratio, EVIDENCE_TIME_S)
-        self._swing.restart()
-        self._least_rad = math.inf
-        self._left_ns: int | None = None
+        self._trees = learned_stance()
+        self._changed_ns: int | None = None
 
     def lift(self) -> None:
         """Take that the foot does not stand: the body falls."""
         self.stands = False
-        self._swing.lift()
 
     def update(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
         """Take a reading; return a change of contact since it was first known."""
         looked = self._motion.follow(reading, time_ns) if math.isfinite(sum(reading)) else None
         if looked is None:
             return None
-        (angle_rad, *_), interval_s = looked
-        swing = self._swing.update(looked[0], interval_s)
-        stands = self._decided(swing, angle_rad, time_ns)
-        delay_s = self._delay_s(stands=stands, likely=swing < AS_LIKELY, time_ns=time_ns)
+        stance = probability_of(self._trees.log_odds(looked))
+        stands = self._decided(stance, time_ns)
+        delay_s = self._delay_s(stands=stands, likely=stance > AS_LIKELY, time_ns=time_ns)
         if stands is None or delay_s is None:
             return None
-        probability = 1.0 - swing if stands else swing
-        return ContactEvent(CHANGES[stands], time_ns, abs(angle_rad), RADIAN, delay_s, probability, Source.ANKLE)
+        self._changed_ns = time_ns
+        probability = stance if stands else 1.0 - stance
+        return ContactEvent(CHANGES[stands], time_ns, abs(looked[0]), RADIAN, delay_s, probability, Source.ANKLE)
 
-    def _decided(self, swing: float, angle_rad: float, time_ns: int) -> bool | None:
-        """Return whether the foot stands, by the probability that it swings; None: that is not said now."""
-        self._least_rad = min(self._least_rad, angle_rad) if self.stands is False else angle_rad
-        if swing < SWINGS_FROM:
-            self._left_ns = None
-            turned = self.stands is not False or angle_rad - self._least_rad >= LEAST_TURN_RAD
-            return True if swing <= SWINGS_BELOW and turned else None
-        if self._left_ns is None:
-            self._left_ns = time_ns
-        left_s = (time_ns - self._left_ns) / NANOSECONDS_PER_SECOND
-        return None if self.stands and left_s < CONFIRM_S - _ROUNDING_S else False
+    def _decided(self, stance: float, time_ns: int) -> bool | None:
+        """Return whether the foot stands, by the probability that it does; None: that is not said now."""
+        soon = self._changed_ns is not None and 0.0 <= _between_s(self._changed_ns, time_ns) < SOON_S
+        stands_from, left_from = (STANDS_SOON_FROM, LEFT_SOON_FROM) if soon else (STANDS_FROM, LEFT_FROM)
+        if stance > stands_from:
+            return True
+        return False if 1.0 - stance > left_from else None
 
 
 FOLLOW_TIME_S = 0.003

@@ -127,13 +127,13 @@ def leg_reading(message: Any, hip: str, knee: str) -> LegReading | None:
 
 
 def ankle_reading(message: Any, hip: str, knee: str) -> AnkleReading | None:
-    """Return angles and rates of the ankle, and its shank's (sensor_msgs/JointState); None: the message lacks some."""
+    """Return angles and rates of the ankle, hip and knee (sensor_msgs/JointState); None: the message lacks some."""
     roll, pitch, _ = names.ANKLE_JOINTS
     values = _of_joints(message, (pitch, roll, hip, knee), "position", "velocity")
     if values is None:
         return None
     pitch_rad, roll_rad, _, _, pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s = values
-    return AnkleReading(pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, hip_rad_s + knee_rad_s)
+    return AnkleReading(pitch_rad, roll_rad, pitch_rad_s, roll_rad_s, hip_rad_s, knee_rad_s)
 
 
 def leg_pose(message: Any, leg: Sequence[str]) -> LegPose | None:

@@ -76,16 +76,6 @@ def learned(mount: str) -> StepRatios:
     return ratios_of(_entries(), mount)
 
 
-def learned_swing(what: str) -> DensityRatio:
-    """Return the ratio of swing over stance that was learned of something else than an IMU.
-
-    Raises:
-        KeyError: there is none.
-
-    """
-    return _ratio(_entries()[f"swing_{what}"])
-
-
 def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatios:
     """Return the ratios of a place of the IMU from entries as `learned.json` has them.
 
@@ -124,16 +114,14 @@ class SwingFilter:
     ratio.
     """
 
-    def __init__(self, ratio: DensityRatio, evidence_time_s: float = EVIDENCE_TIME_S) -> None:
+    def __init__(self, ratio: DensityRatio) -> None:
         """Start on the ground.
 
         Args:
             ratio: Of the densities of the features in a swing and in a stance.
-            evidence_time_s: Looks closer than this count once, s.
 
         """
         self._ratio = ratio
-        self._evidence_time_s = evidence_time_s
         self._log_odds = -2.0
 
     @property
@@ -158,7 +146,7 @@ class SwingFilter:
         mixing = min(0.5, interval_s / DWELL_TIME_S)
         probability = self.probability
         predicted = probability + (1.0 - 2.0 * probability) * mixing
-        gained = self._ratio.log_odds(features) * min(1.0, interval_s / self._evidence_time_s)
+        gained = self._ratio.log_odds(features) * min(1.0, interval_s / EVIDENCE_TIME_S)
         odds = _log_odds(predicted) + gained
         self._log_odds = min(LARGEST_LOG_ODDS, max(-LARGEST_LOG_ODDS, odds))
         return self.probability

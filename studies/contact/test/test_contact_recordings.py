@@ -10,12 +10,13 @@ import pytest
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactKind
+from jammkle_controller.core.leg_contact import AnkleMotion, StanceTrees
 from jammkle_controller.core.stepping import learned, ratios_of
 from jammkle_controller.parameters import ControllerParameters
-from studies.contact.labelled import Slide, draw_imu, walk
+from studies.contact.labelled import LabelledRecording, Slide, draw_imu, walk
 from studies.contact.real_foot import real_foot
-from studies.contact.relearn import cross_validated, learn
-from studies.contact.robots import Traces, contact_changes, of_the_body, recording_of
+from studies.contact.relearn import cross_validated, held_still, learn, learn_ankle
+from studies.contact.robots import Traces, contact_changes, of_the_body, recording_of, robot_recordings
 from studies.contact.trial import Case, Score, run_case, score_slides, score_times, scored, wilson
 
 if TYPE_CHECKING:
@@ -141,3 +142,26 @@ def test_ratios_are_judged_on_runs_that_they_have_not_seen() -> None:
         assert score.hits + score.missed == sum(scored(recording, kind, ()).missed for run in runs for recording in run)
     assert judged["lift-off"].recall[0] > 0.7
     assert set(learned("foot").swing.centre) != set(ratios_of(learn("foot", runs[0]), "foot").swing.centre)
+
+
+def test_nothing_counts_once_a_robot_has_fallen_over() -> None:
+    """Neither what its feet do on its back, nor what is reported of that."""
+    recording = LabelledRecording("shank", [], (2.0, 4.0), (), (), fell_s=3.0)
+    score = scored(recording, "impact", [2.01, 3.5])
+    assert (score.hits, score.missed, score.false) == (1, 0, 0)
+
+
+def test_trees_tell_a_stance_from_a_swing_also_of_a_leg_that_is_held_still() -> None:
+    """What is learned on one leg holds on the readings of another run of it."""
+    hang_rad = ControllerParameters(hang_pitch_deg=30.0).hang_pitch_rad
+    recordings = robot_recordings("leg", 1, "shank")
+    chance = np.random.default_rng(1)
+    trees = StanceTrees(**learn_ankle([(hang_rad, [*recordings, held_still(recordings[0], chance)])]))
+    (other,) = robot_recordings("leg", 4, "shank")
+    for recording in (other, held_still(other, chance)):
+        motion, right = AnkleMotion(hang_rad), []
+        for at_ns, reading in recording.ankle_readings():
+            features, at_s = motion.follow(reading, at_ns), np.array([at_ns * 1e-9])
+            if features is not None and at_s > min(recording.touches_s):
+                right.append((trees.log_odds(features) > 0.0) == recording.in_contact(at_s)[0])
+        assert np.mean(right) > 0.9
