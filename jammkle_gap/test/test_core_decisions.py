@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
-from jammkle_gap.core.calibrate import Discrepancy
 from jammkle_gap.core.detect import class_names, classes_of, detect, probability_of_gap, spread_along
+from jammkle_gap.core.discrepancy import Discrepancy, by_length
 from jammkle_gap.core.fit import Fit
 from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
 from jammkle_gap.core.scatter import (
@@ -150,7 +150,9 @@ def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), fea
 
 def posterior(length: float, fitted: list[Fit], classes: dict[str, str] | None = None):  # noqa: ANN201 - in a test
     """Return the posterior of candidates in four hundred features."""
-    return posterior_of(length, 400, 1.0, 32.0, fitted, {}, classes or {}, CONSTANTS)
+    scores = by_length(length, 400.0, [fit.left for fit in fitted], 32.0, CONSTANTS)
+    likelihoods = dict(zip((NONE_OF_THEM, *(fit.names for fit in fitted)), scores.tolist(), strict=True))
+    return posterior_of(likelihoods, {fit.names: fit for fit in fitted}, classes or {}, CONSTANTS)
 
 
 def test_the_larger_a_gap_the_more_a_second_effect_must_explain() -> None:

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.calibrate import Discrepancy, calibrate, runnable, uncalibrated
-from jammkle_gap.core.conclude import Evidence, Unreferenced, conclude
+from jammkle_gap.core.calibrate import calibrate, runnable, uncalibrated
+from jammkle_gap.core.conclude import Evidence, conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.detect import classes_of
-from jammkle_gap.core.fit import grid_features, grid_signatures, screen
-from jammkle_gap.core.joint import Machine, explain
+from jammkle_gap.core.discrepancy import Discrepancy
+from jammkle_gap.core.explain import explain, least_left
+from jammkle_gap.core.fit import grid_features, grid_signatures
+from jammkle_gap.core.joint import Machine
 from jammkle_gap.core.scatter import difference_of, refuse_copies, residuals_of, settings_of
-from jammkle_gap.core.search import search
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
 from jammkle_gap.core.simulate import Runner, Task, on_one_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -29,11 +30,10 @@ if TYPE_CHECKING:
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
-    from jammkle_gap.core.fit import GridFeatures, Screening
+    from jammkle_gap.core.explain import Provisional
+    from jammkle_gap.core.fit import GridFeatures
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
-    from jammkle_gap.core.search import Provisional
-    from jammkle_gap.core.signatures import Dictionary
     from jammkle_gap.core.simulate import Problem, Progress, Stop
 
 
@@ -109,13 +109,13 @@ def evidence_of(
         msg += "; record references in the same settings, or leave them out"
         raise BadRecordingError(msg)
     dictionaries = [
-        dictionary_of((setting.references or setting.faulty)[0], problem, runner, constants, folder)
+        # A regulator answers a fault: at the commands of a healthy run signatures would mislead.
+        dictionary_of(setting.faulty[0], problem, runner, constants, folder)
         for setting in settings
     ]
     nominal = residuals_of(settings, runner, {})
-    residuals: Sequence[Residuals] = nominal
     settings = with_readings(settings, problem, runner)
-    difference = _difference(settings, residuals, dictionaries, problem, runner, uncalibrated(problem), constants)
+    difference = _difference(settings, nominal, dictionaries, problem, runner, uncalibrated(problem), constants)
     slopes = [
         _laid(each.constants, each, setting, problem) for each, setting in zip(dictionaries, settings, strict=True)
     ]
@@ -124,39 +124,23 @@ def evidence_of(
     )
     calibration, calibrated = runnable(calibration, settings, nominal, problem, runner)
     grids = grid_features(problem, settings, dictionaries)
-    if not all(setting.references for setting in settings):
-        # Where some settings have references, these have calibrated the constants; else drawings give their tolerances.
-        raw, silent = tuple(each.difference for each in calibrated), _silent(problem, dictionaries, grids)
-        prior = Machine(problem, settings, raw, calibration, silent)
-        if calibration.values:
-            difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
-        return _jointly(prior, calibrated, difference, grids, runner, constants, provisional)
-    signatures = grid_signatures(grids, difference)
-    machine: Mapping[str, float] = {}
-    if calibration.after < calibration.before:
-        residuals, difference, machine, screening = _better_machine(
-            settings, signatures, residuals, difference, calibrated, calibration.values, problem, runner
-        )
-    else:
-        screening = screen(problem, settings, signatures, difference, machine, runner)
-    if provisional is not None:
-        length = max(float(difference.whitened @ difference.whitened), 1.0)
-        shares = {name: min(max(gain / length, 0.0), 1.0) for name, gain in screening.gains.items()}
-        provisional(sorted(shares.items(), key=lambda item: -item[1]))
-    candidates = search(problem, settings, screening, difference, machine, runner, constants)
-    classes = classes_of(grids_of(problem), signatures, constants)
-    return Evidence(
+    machine = Machine(
         problem,
         settings,
-        tuple(residuals),
+        tuple(each.difference for each in calibrated),
         calibration,
-        machine,
-        difference,
-        candidates.singles,
-        candidates,
-        classes,
-        grids,
+        _silent(problem, dictionaries, grids),
     )
+    if all(setting.references for setting in settings):
+        machine, error = _better_held(machine, nominal, calibrated, difference, grids, runner, constants)
+    else:
+        if calibration.values:
+            # Settings with references have calibrated the constants; else drawings give their tolerances.
+            difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
+        error = Discrepancy(settings, calibrated, difference, constants)
+    explained = explain(machine, error, grids, runner, constants, provisional)
+    classes = classes_of(grids_of(problem), grid_signatures(grids, error.difference), constants)
+    return Evidence(problem, settings, calibration, machine, error, explained, classes, grids)
 
 
 def _silent(problem: Problem, dictionaries: Sequence[Dictionary], grids: GridFeatures) -> tuple[frozenset[str], ...]:
@@ -170,66 +154,42 @@ def _silent(problem: Problem, dictionaries: Sequence[Dictionary], grids: GridFea
     return tuple(found)
 
 
-def _jointly(
+def _better_held(
     machine: Machine,
-    residuals: Sequence[Residuals],
+    nominal: Sequence[Residuals],
+    calibrated: Sequence[Residuals],
     difference: Difference,
     grids: GridFeatures,
     runner: Runner,
     constants: Constants,
-    provisional: Provisional | None,
-) -> Evidence:
-    """Explain recordings of which some have no references, beside what is known of the machine's constants."""
-    problem, settings = machine.problem, machine.settings
-    found = explain(machine, residuals, difference, grids, runner, constants, provisional)
-    return Evidence(
-        problem,
-        settings,
-        tuple(residuals),
-        machine.prior,
-        machine.values(machine.mean),
-        difference,
-        found.noticed,
-        found.candidates,
-        classes_of(grids_of(problem), grid_signatures(grids, difference), constants),
-        grids,
-        Unreferenced(machine, found, Discrepancy(settings, residuals, difference, constants)),
-    )
+) -> tuple[Machine, Discrepancy]:
+    """Return the machine with its constants held as calibrated, or nominal, and what it leaves.
 
-
-def _better_machine(
-    settings: Sequence[Setting],
-    signatures: Mapping[str, NDArray[np.float64]],
-    residuals: Sequence[Residuals],
-    difference: Difference,
-    calibrated: Sequence[Residuals],
-    machine: Mapping[str, float],
-    problem: Problem,
-    runner: Runner,
-) -> tuple[Sequence[Residuals], Difference, Mapping[str, float], Screening]:
-    """Return residuals, difference, constants and screening of the calibrated machine, or of the nominal one.
-
-    Two are on offer, as drawn and as calibrated: the one counts in which an effect explains more. Constants that were
-    fitted to references take up what the simulator has wrong, and may leave more at other commands: of pulls with a
-    clock that drifts 2.9 per feature, where the nominal machine leaves 1.0.
+    The one counts beside which an effect explains more. Constants that were fitted to references take up what the
+    simulator has wrong, and may leave more at other commands: of pulls with a clock that drifts 2.9 per feature, where
+    the nominal machine leaves 1.0.
 
     Args:
-        settings: Runs, all with references.
-        signatures: Whitened, of every effect's grid points.
-        residuals: Of the nominal machine.
-        difference: Of the nominal machine.
+        machine: All of whose settings have references.
+        nominal: Residuals of the nominal machine.
         calibrated: Residuals of the calibrated machine.
-        machine: Its constants.
-        problem: Simulator and library.
+        difference: Of the nominal machine.
+        grids: What grid points make of the features.
         runner: Makes the runs.
+        constants: Of the model.
 
     """
-    other = replace(difference, whitened=difference.whiten([each.difference for each in calibrated]))
-    screening = screen(problem, settings, signatures, other, machine, runner)
-    nominal = screen(problem, settings, signatures, difference, {}, runner)
-    if nominal.left < screening.left:
-        return residuals, difference, {}, nominal
-    return calibrated, other, machine, screening
+    bare = tuple(replace(each, shared=each.shared[:, :0]) for each in difference.settings)
+    difference = replace(difference, settings=bare, shared=difference.shared[:, :0])
+    found: list[tuple[Machine, Discrepancy]] = []
+    for prior, residuals in ((uncalibrated(machine.problem), nominal), (machine.prior, calibrated)):
+        raw = tuple(each.difference for each in residuals)
+        held = replace(machine, raw=raw, prior=prior).held()
+        own = replace(difference, whitened=difference.whiten(raw))
+        found.append((held, Discrepancy(machine.settings, residuals, own, constants)))
+    if machine.prior.after < machine.prior.before:
+        return min(reversed(found), key=lambda each: least_left(each[0], each[1], grids, runner, constants))
+    return found[0]
 
 
 def _difference(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.joint import fit_part
+from jammkle_gap.core.explain import fit_part
 from jammkle_gap.core.result import LedgerEntry
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.calibrate import Discrepancy
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.discrepancy import Discrepancy
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.joint import Machine
     from jammkle_gap.core.scatter import Difference, Setting
