@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.joint import Machine
     from jammkle_gap.core.posterior import Names
     from jammkle_gap.core.scatter import Difference
-    from jammkle_gap.core.simulate import Problem, Runner
+    from jammkle_gap.core.simulate import Runner
 
     Provisional = Callable[[Sequence[tuple[str, float]]], None]
     """Reports which effects explain which share of the squared difference before any is fitted, best first."""
@@ -41,35 +41,6 @@ _WORTH_GOING_ON = 4.0
 """What another step must take off the squared whitened residual, for the constants alone to be fitted on: two nats."""
 _NESTED = 2
 """Candidates from whose constants those alone are fitted once more."""
-
-
-def _slopes_and_runs(
-    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
-) -> tuple[NDArray[np.float64], Made]:
-    signatures = machine.signatures()
-    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
-
-
-def _affordable(machine: Machine, constants: Constants) -> bool:
-    """Return whether derivatives by all constants may be taken as often as they help."""
-    return len(machine.problem.constants) * len(machine.settings) <= constants.affordable_derivatives
-
-
-def _are_dear(machine: Machine, constants: Constants) -> bool:
-    """Return whether derivatives by all constants take too long for every candidate to have its own."""
-    recorded_s = sum(setting.faulty[0].duration_s for setting in machine.settings)
-    return len(machine.problem.constants) * recorded_s > constants.derivatives_s
-
-
-def _in_time(machine: Machine, error: Discrepancy, constants: Constants) -> Constants:
-    """Return constants that make fewer runs where those for derivatives are many already."""
-    if not error.without_references:
-        # No error is found that would weigh the features anew.
-        return replace(constants, joint_evaluations=constants.fit_evaluations, reweighings=1)
-    if not _are_dear(machine, constants):
-        return constants
-    few = constants.hurried
-    return replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
 
 
 @dataclass(frozen=True)
@@ -118,115 +89,320 @@ def explain(
         StoppedError: asked to stop before anything was fitted.
 
     """
-    problem, constants, difference = machine.problem, _in_time(machine, error, constants), error.difference
-    blank = _start((), {}, [np.zeros(each.size) for each in difference.settings])
-    nothing, slopes = _constants_alone(machine, error, blank, runner, constants)
-    bases = _bases(machine, error, blank, nothing, slopes, grids)
-    if provisional is not None:
-        length = max(bases[0].length, 1.0)
-        shares = [(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles]
-        provisional(shares)
-
-    def fitted(starts: Sequence[tuple[_Base, Fit, Place]], what: str) -> tuple[list[Fit], bool]:
-        work = [
-            (machine, error, _from(problem, place, begun), base.weighs, constants, base.slopes)
-            for base, begun, place in starts
-        ]
-        answers, finished = _until_stopped(runner, fit_beside_error, work, what)
-        return best_of([fit for fit, _ in answers if fit.features]), finished
-
-    def best_of(fits: Sequence[Fit]) -> list[Fit]:
-        own = error.scores(nothing, fits, len(problem.library.effects))[1:]
-        kept: dict[frozenset[str], Fit] = {}
-        for fit, _ in sorted(zip(fits, own, strict=True), key=lambda each: -each[1]):
-            kept.setdefault(frozenset(fit.names), fit)
-        return list(kept.values())
-
-    def refitted(fits: Sequence[Fit], beside: Fit) -> list[Fit]:
-        work = [(machine, error, replace(fit, scores=beside.scores), beside, constants, slopes) for fit in fits]
-        answers, _ = _until_stopped(runner, fit_beside_error, work, "fitting")
-        return [fit for fit, _ in answers if fit.features]
-
-    singles, finished = fitted(_promising_singles(problem, grids, error, blank, bases, constants), "fitting")
-    if problem.constants and error.left_per_feature(nothing) < constants.doubtful:
-        # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
-        tried = [nothing, *(fit for each in singles[:_NESTED] for fit in refitted([blank], each))]
-        nothing = min(tried, key=lambda fit: _whitened_by(difference, fit).left)
-    noticed = tuple(_whitened_by(difference, fit) for fit in singles)
-    alone = _whitened_by(difference, nothing)
-    pairs: list[Fit] = []
-    gap = detect_beside_error(machine, error, alone, noticed, constants).gap
-    if finished and singles and gap:
-        if error.left_per_feature(singles[0]) > constants.doubtful and _affordable(machine, constants):
-            # What it leaves is searched for a second effect, and shall be as little as can be.
-            settle = partial(sharpen, evenly=(True, False))
-            answers, finished = _until_stopped(runner, settle, [(machine, error, singles[0], constants)], "fitting")
-            singles = best_of([*(fit for fit, _ in answers), *singles])
-        promising = _promising_pairs(problem, grids, error, singles, bases[min(1, len(bases) - 1)], constants)
-        pairs, finished = fitted(promising, "fitting pairs")
-    known, own, finished = _weighed(
-        machine, error, (nothing, *singles, *pairs), runner, constants, gap=gap, finished=finished
-    )
-    moving = {place.names[0] for place in bases[0].singles}
-    silent = tuple(effect.name for effect in problem.library if effect.name not in moving)
-    return Explained(alone, noticed, known.pop(NONE_OF_THEM), known, own, silent, finished)
+    return _Search(machine, error, grids, runner, constants).explained(provisional)
 
 
 def least_left(
     machine: Machine, error: Discrepancy, grids: GridFeatures, runner: Runner, constants: Constants
 ) -> float:
     """Return the squared length of what the best of the most promising effects leaves, with the constants held."""
-    constants = _in_time(machine, error, constants)
-    blank = _start((), {})
-    base = _Base(machine.problem, grids, error.difference, blank, blank, None)
-    places = base.singles[: constants.tried_on_machines]
-    work = [(machine, error, _from(machine.problem, each, blank), blank, constants, None) for each in places]
-    answers = runner.map(fit_beside_error, work, "calibrating")
-    runner.count(made for _, made in answers)
-    return min((fit.left for fit, _ in answers), default=base.length)
+    search = _Search(machine, error, grids, runner, constants)
+    base = search.base(error.difference, search.blank, search.blank, None)
+    fits = search.fitted([(base, search.blank, each) for each in base.singles[: constants.tried_on_machines]], "")
+    return min((fit.left for fit in fits), default=base.length)
 
 
-def _promising_singles(
-    problem: Problem,
-    grids: GridFeatures,
-    error: Discrepancy,
-    blank: Fit,
-    bases: Sequence[_Base],
-    constants: Constants,
-) -> list[tuple[_Base, Fit, Place]]:
-    """Return single effects to be fitted, each with where its constants begin.
+@dataclass(frozen=True)
+class _Base:
+    """Effects on their grids, beside constants that are taken as linear about one place."""
 
-    Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error of
-    the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
-    """
-    found = [(base, base.fit, place) for base in bases for place in base.singles[: constants.refined]]
-    evenly = _Base(problem, grids, error.evenly_with(blank), blank, blank, None)
-    known = {place.names for base, _, place in found if base is bases[0]}
-    others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
-    return [*found, *((bases[0], blank, place) for place in others)]
+    length: float
+    """Square of the difference, whitened about this base."""
+    profiles: Profiles
+    singles: Sequence[Place]
+    """Effects, the most promising first."""
+    fit: Fit
+    """The constants that a candidate begins with."""
+    weighs: Fit
+    """Constants whose discrepancy weighs the features first."""
+    slopes: Sequence[NDArray[np.float64]] | None
+    """Derivatives by the constants; None: those at the nominal machine."""
 
 
-def _promising_pairs(
-    problem: Problem,
-    grids: GridFeatures,
-    error: Discrepancy,
-    singles: Sequence[Fit],
-    about: _Base,
-    constants: Constants,
-) -> list[tuple[_Base, Fit, Place]]:
-    """Return pairs to be fitted, each with where its constants begin: from fitted effects on, and by grids alone.
+_Start = tuple[_Base, Fit, "Place"]
+"""A candidate to be fitted: what it was found beside, the constants that it begins with, and where on the meshes."""
 
-    A second effect shows where the first leaves most, and is looked for by what that leaves of a signal on the whole:
-    block by block, it would count as the error of the simulator.
-    """
-    weighed = error.evenly_with(singles[0])
-    profiles = Profiles(grids_of(problem), grid_signatures(grids, weighed), weighed.whitened)
-    first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
-    seconds = [(about, fit, place) for fit in first for place in profiles.seconds(fit)]
-    most = constants.refined_pairs // 2
-    names = [place.names[0] for place in about.singles[: constants.paired]]
-    by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
-    return [*sorted(seconds, key=lambda each: -each[2].gain)[:most], *by_grids]
+
+class _Search:
+    """One search: what is explained, and with what."""
+
+    def __init__(
+        self, machine: Machine, error: Discrepancy, grids: GridFeatures, runner: Runner, constants: Constants
+    ) -> None:
+        self._machine, self._error, self._grids, self._runner = machine, error, grids, runner
+        self._settings = range(len(machine.settings))
+        derivatives, recorded_s = (
+            len(machine.problem.constants),
+            sum(each.faulty[0].duration_s for each in machine.settings),
+        )
+        self._affordable = derivatives * len(machine.settings) <= constants.affordable_derivatives
+        """Whether derivatives by all constants may be taken as often as they help."""
+        self._dear = derivatives * recorded_s > constants.derivatives_s
+        """Whether they take too long for every candidate to have its own."""
+        if not error.without_references:
+            # No error is found that would weigh the features anew.
+            constants = replace(constants, joint_evaluations=constants.fit_evaluations, reweighings=1)
+        elif self._dear:
+            few = constants.hurried
+            constants = replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
+        self._constants = constants
+        self.blank = _start((), {}, [np.zeros(each.size) for each in error.difference.settings])
+        self.finished = True
+        """False once it was asked to stop."""
+
+    def explained(self, provisional: Provisional | None) -> Explained:
+        """Return everything that was fitted."""
+        machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
+        nothing, slopes = self._constants_alone()
+        bases = self._bases(nothing, slopes)
+        if provisional is not None:
+            length = max(bases[0].length, 1.0)
+            provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles])
+        singles = self._best_of(nothing, self.fitted(self._promising_singles(bases), "fitting"))
+        if machine.problem.constants and error.left_per_feature(nothing) < constants.doubtful:
+            # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
+            work = [
+                (machine, error, replace(blank, scores=each.scores), each, constants, slopes)
+                for each in singles[:_NESTED]
+            ]
+            tried = [nothing, *self._until_stopped(fit_beside_error, work, "fitting")]
+            nothing = min(tried, key=lambda fit: _whitened_by(error.difference, fit).left)
+        noticed = tuple(_whitened_by(error.difference, fit) for fit in singles)
+        alone = _whitened_by(error.difference, nothing)
+        pairs: list[Fit] = []
+        gap = detect_beside_error(machine, error, alone, noticed, constants).gap
+        if self.finished and singles and gap:
+            if error.left_per_feature(singles[0]) > constants.doubtful and self._affordable:
+                # What it leaves is searched for a second effect, and shall be as little as can be.
+                settled = self._sharpened([singles[0]], (True, False), "fitting")
+                singles = self._best_of(nothing, [*settled, *singles])
+            promising = self._promising_pairs(singles, bases[min(1, len(bases) - 1)])
+            pairs = self._best_of(nothing, self.fitted(promising, "fitting pairs"))
+        fits, likelihoods = self._weighed({fit.names: fit for fit in (nothing, *singles, *pairs)}, gap=gap)
+        moving = {place.names[0] for place in bases[0].singles}
+        silent = tuple(effect.name for effect in machine.problem.library if effect.name not in moving)
+        return Explained(alone, noticed, fits.pop(NONE_OF_THEM), fits, likelihoods, silent, self.finished)
+
+    def base(
+        self, difference: Difference, fit: Fit, weighs: Fit, slopes: Sequence[NDArray[np.float64]] | None
+    ) -> _Base:
+        """Look effects up on their grids; arguments as the fields of `_Base`."""
+        profiles = Profiles(
+            grids_of(self._machine.problem), grid_signatures(self._grids, difference), difference.whitened
+        )
+        singles = sorted(map(profiles.single, profiles.names), key=lambda place: -place.gain)
+        length = float(difference.whitened @ difference.whitened)
+        return _Base(length, profiles, singles, fit, weighs, slopes)
+
+    def fitted(self, starts: Sequence[_Start], what: str) -> list[Fit]:
+        """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated."""
+        work = []
+        for base, begun, place in starts:
+            keys = [key for key, _ in self._machine.problem.library.parameters(place.names)]
+            values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
+            start = replace(_start(place.names, values), scores=begun.scores)
+            work.append((self._machine, self._error, start, base.weighs, self._constants, base.slopes))
+        return self._until_stopped(fit_beside_error, work, what)
+
+    def _until_stopped(
+        self, function: Callable[..., tuple[Fit, Made]], work: Sequence[tuple[Any, ...]], what: str
+    ) -> list[Fit]:
+        """Return candidates fitted with several arguments, as far as they can be simulated, before a stop."""
+        if not self.finished:
+            return []
+        try:
+            answers = self._runner.map(function, work, what)
+        except StoppedError as stopped:
+            answers, self.finished = list(stopped.done), False
+        self._runner.count(made for _, made in answers)
+        return [fit for fit, _ in answers if fit.features]
+
+    def _sharpened(self, fits: Sequence[Fit], evenly: Sequence[bool], what: str) -> list[Fit]:
+        work = [(self._machine, self._error, fit, self._constants) for fit in fits]
+        return self._until_stopped(partial(sharpen, evenly=evenly), work, what)
+
+    def _best_of(self, nothing: Fit, fits: Sequence[Fit]) -> list[Fit]:
+        """Return the likeliest fit of each candidate, the likeliest first."""
+        own = self._error.scores(nothing, fits, len(self._machine.problem.library.effects))[1:]
+        kept: dict[frozenset[str], Fit] = {}
+        for fit, _ in sorted(zip(fits, own, strict=True), key=lambda each: -each[1]):
+            kept.setdefault(frozenset(fit.names), fit)
+        return list(kept.values())
+
+    def _promising_singles(self, bases: Sequence[_Base]) -> list[_Start]:
+        """Return single effects to be fitted.
+
+        Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error
+        of the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
+        """
+        found = [(base, base.fit, place) for base in bases for place in base.singles[: self._constants.refined]]
+        evenly = self.base(self._error.evenly_with(self.blank), self.blank, self.blank, None)
+        known = {place.names for base, _, place in found if base is bases[0]}
+        others = [place for place in evenly.singles[: self._constants.paired] if place.names not in known]
+        return [*found, *((bases[0], self.blank, place) for place in others)]
+
+    def _promising_pairs(self, singles: Sequence[Fit], about: _Base) -> list[_Start]:
+        """Return pairs to be fitted: from fitted effects on, and by grids alone.
+
+        A second effect shows where the first leaves most, and is looked for by what that leaves of a signal on the
+        whole: block by block, it would count as the error of the simulator.
+        """
+        weighed, constants = self._error.evenly_with(singles[0]), self._constants
+        profiles = self.base(weighed, self.blank, self.blank, None).profiles
+        first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
+        seconds = [(about, fit, place) for fit in first for place in profiles.seconds(fit)]
+        most = constants.refined_pairs // 2
+        names = [place.names[0] for place in about.singles[: constants.paired]]
+        by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
+        return [*sorted(seconds, key=lambda each: -each[2].gain)[:most], *by_grids]
+
+    def _slopes(
+        self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str = ""
+    ) -> list[NDArray[np.float64]]:
+        """Return derivatives of the features where a candidate has come to, a setting at a time."""
+        work = [(k, self._machine, difference, fit, ends_at) for k in self._settings]
+        answers = self._runner.map(_slopes_and_runs, work, what)
+        self._runner.count(made for _, made in answers)
+        return [slopes for slopes, _ in answers]
+
+    def _constants_alone(self) -> tuple[Fit, list[NDArray[np.float64]]]:
+        """Return the constants fitted alone, as well as they can be, and their derivatives there.
+
+        What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
+        """
+        machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
+        fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
+        self._runner.count([made])
+        slopes = [each.shared for each in error.difference_with(blank).settings]
+        if not fit.features:
+            return blank, slopes
+        steps = constants.calibration_steps if machine.problem.constants else 0
+        for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
+            for step in range(steps):
+                difference = whitened(fit)
+                if step == 0 and (self._affordable or turn == 0):
+                    slopes = self._slopes(difference, fit, CENTRAL if self._affordable else FORWARD)
+                signatures = machine.signatures()
+                found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+                self._runner.count([signatures.made])
+                before = _whitened_by(difference, fit).left
+                if not found.features or found.left >= before:
+                    break
+                slopes = _updated(slopes, machine, difference, fit, found)
+                fit = found
+                if before - found.left < _WORTH_GOING_ON:
+                    break
+        return fit, slopes
+
+    def _bases(self, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> list[_Base]:
+        """Return where effects are looked for: beside constants about nominal, where they explain most, and between.
+
+        A worn pump is an effect, and constants of its curve as well. Beside constants that have taken an effect up it
+        explains nothing more: it is looked for with those that lie beyond their tolerance held at nominal.
+        """
+        found = [self.base(self._error.difference_with(self.blank), self.blank, self.blank, None)]
+        away = np.abs(nothing.scores)
+        if away.max(initial=0.0) > _FAR:
+            weighed, beyond = self._error.difference_with(nothing), away > _BEYOND
+            there = self._about(weighed, nothing, slopes, np.zeros_like(beyond))
+            found.append(self.base(there, nothing, nothing, slopes))
+            if beyond.any():
+                kept = replace(nothing, scores=np.where(beyond, 0.0, nothing.scores))
+                between = self._about(weighed, nothing, slopes, beyond)
+                found.append(self.base(between, kept, nothing, slopes))
+        return found
+
+    def _about(
+        self, whitens: Difference, nothing: Fit, slopes: Sequence[NDArray[np.float64]], held: NDArray[np.bool_]
+    ) -> Difference:
+        """Return the difference with constants that are linear about where they explain most alone.
+
+        They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and
+        Cathey 1993, IEEE Trans. Autom. Control 38:294). Scores that are held stay at 0.
+        """
+        columns = [each @ self._machine.root for each in slopes]
+        moved = [
+            raw - part + (each - own.shared) @ nothing.scores
+            for raw, part, own, each in zip(self._machine.raw, nothing.features, whitens.settings, columns, strict=True)
+        ]
+        columns = [np.where(held, 0.0, each) for each in columns]
+        settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
+        found = replace(whitens, settings=settings, shared=whitens.by_scatter([each.T for each in columns]).T)
+        return replace(found, whitened=found.whiten(moved))
+
+    def _weighed(self, fits: Mapping[Names, Fit], *, gap: bool) -> tuple[dict[Names, Fit], dict[Names, float]]:
+        """Return candidates beside the discrepancy that each leaves, and their log-likelihoods.
+
+        The likeliest are fitted again, with derivatives of their own, or where these are dear with those of the best.
+        """
+        constants, what = self._constants, "constants of the machine"
+        known, own = dict(fits), self._scored(fits)
+        rounds = [(False, most) for most in constants.sharpened] if self._machine.problem.constants else []
+        doubtful = self._error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
+        if not gap:
+            rounds = [(False, 0)]  # no candidate will be named, and none needs derivatives of its own
+        elif doubtful and self._affordable:
+            rounds = [*((evenly, most) for evenly in (True, False) for most in constants.sharpened_in_doubt), *rounds]
+        if self._dear:
+            chosen = sorted(self._likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
+            known.update({fit.names: fit for fit in self._sharpened_together([known[names] for names in chosen], what)})
+            return known, self._scored(known)
+        for evenly, most in rounds:
+            again = self._sharpened([known[names] for names in self._likeliest(own, most)], (evenly,), what)
+            known.update({fit.names: fit for fit in again})
+            own = self._scored(known)
+        return known, own
+
+    def _scored(self, fits: Mapping[Names, Fit]) -> dict[Names, float]:
+        others = [names for names in fits if names != NONE_OF_THEM]
+        count = len(self._machine.problem.library.effects)
+        scores = self._error.scores(fits[NONE_OF_THEM], [fits[names] for names in others], count)
+        return dict(zip((NONE_OF_THEM, *others), scores, strict=True))
+
+    def _likeliest(self, own: Mapping[Names, float], most: int) -> set[Names]:
+        def odds(names: Names) -> float:
+            return own[names] - self._constants.pair_penalty * (len(names) - 1)
+
+        chosen = sorted((names for names in own if names != NONE_OF_THEM), key=odds, reverse=True)[:most]
+        # A pair is compared with its halves, and so these are fitted as well as it is.
+        return {NONE_OF_THEM, *chosen, *((name,) for names in chosen for name in names if (name,) in own)}
+
+    def _sharpened_together(self, fits: Sequence[Fit], what: str) -> list[Fit]:
+        """Return candidates fitted again with derivatives by the constants where the first of them has come to."""
+        if not self.finished:
+            return []
+        about = next((fit for fit in fits if fit.names), fits[0])
+        try:
+            slopes = self._slopes(self._error.difference_with(about), about, FORWARD, what)
+        except StoppedError:
+            self.finished = False
+            return []
+        slopes = [each[:, each.shape[1] - len(self._machine.problem.constants) :] for each in slopes]
+        patient = replace(self._constants, joint_evaluations=self._constants.fit_evaluations)
+        work = [(self._machine, self._error, fit, fit, patient, slopes) for fit in fits]
+        return self._until_stopped(partial(fit_beside_error, evenly=False), work, what)
+
+
+def _slopes_and_runs(
+    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
+) -> tuple[NDArray[np.float64], Made]:
+    signatures = machine.signatures()
+    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
+
+
+def _updated(
+    slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
+) -> list[NDArray[np.float64]]:
+    """Return derivatives that explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run."""
+    scores = after.scores - before.scores
+    step = machine.root @ scores
+    if not step.any():
+        return list(slopes)
+    found = []
+    for k, own in enumerate(slopes):
+        change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
+        found.append(own + np.outer(change - own @ step, step) / (step @ step))
+    return found
 
 
 def fit_part(
@@ -278,147 +454,6 @@ def detect_beside_error(
     return detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
 
 
-def _constants_alone(
-    machine: Machine, error: Discrepancy, blank: Fit, runner: Runner, constants: Constants
-) -> tuple[Fit, list[NDArray[np.float64]]]:
-    """Return the constants fitted alone, as well as they can be, and their derivatives there.
-
-    What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
-    """
-    fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
-    runner.count([made])
-    slopes = [each.shared for each in error.difference_with(blank).settings]
-    if not fit.features:
-        return blank, slopes
-    steps = constants.calibration_steps if machine.problem.constants else 0
-    affordable = _affordable(machine, constants)
-    for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
-        for step in range(steps):
-            difference = whitened(fit)
-            if step == 0 and (affordable or turn == 0):
-                ends_at = CENTRAL if affordable else FORWARD
-                work = [(k, machine, difference, fit, ends_at) for k in range(len(machine.settings))]
-                answers = runner.map(_slopes_and_runs, work)
-                slopes = [each for each, _ in answers]
-                runner.count(made for _, made in answers)
-            signatures = machine.signatures()
-            found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
-            runner.count([signatures.made])
-            before = _whitened_by(difference, fit).left
-            if not found.features or found.left >= before:
-                break
-            slopes = _updated(slopes, machine, difference, fit, found)
-            fit = found
-            if before - found.left < _WORTH_GOING_ON:
-                break
-    return fit, slopes
-
-
-def _updated(
-    slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
-) -> list[NDArray[np.float64]]:
-    """Return derivatives that explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run."""
-    scores = after.scores - before.scores
-    step = machine.root @ scores
-    if not step.any():
-        return list(slopes)
-    found = []
-    for k, own in enumerate(slopes):
-        change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
-        found.append(own + np.outer(change - own @ step, step) / (step @ step))
-    return found
-
-
-class _Base:
-    """Effects on their grids, beside constants that are taken as linear about one place."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        grids: GridFeatures,
-        difference: Difference,
-        fit: Fit,
-        weighs: Fit,
-        slopes: Sequence[NDArray[np.float64]] | None,
-    ) -> None:
-        """Look effects up on their grids.
-
-        Args:
-            problem: The library.
-            grids: What grid points make of the features.
-            difference: Whitened about this base.
-            fit: The constants that a candidate begins with.
-            weighs: Constants whose discrepancy weighs the features first.
-            slopes: Derivatives by the constants; None: those at the nominal machine.
-
-        """
-        self.fit, self.weighs, self.slopes = fit, weighs, slopes
-        self.length = float(difference.whitened @ difference.whitened)
-        self.profiles = Profiles(grids_of(problem), grid_signatures(grids, difference), difference.whitened)
-        places = [self.profiles.single(name) for name in self.profiles.names]
-        self.singles = sorted(places, key=lambda place: -place.gain)
-
-
-def _bases(
-    machine: Machine,
-    error: Discrepancy,
-    blank: Fit,
-    nothing: Fit,
-    slopes: Sequence[NDArray[np.float64]],
-    grids: GridFeatures,
-) -> list[_Base]:
-    """Return where effects are looked for: beside constants about nominal, about where they explain most, and between.
-
-    A worn pump is an effect, and constants of its curve as well. Beside constants that have taken an effect up it
-    explains nothing more: it is looked for with those that lie beyond their tolerance held at nominal.
-    """
-    problem = machine.problem
-    found = [_Base(problem, grids, error.difference_with(blank), blank, blank, None)]
-    away = np.abs(nothing.scores)
-    if away.max(initial=0.0) > _FAR:
-        weighed = error.difference_with(nothing)
-        there = _about(machine, weighed, nothing, slopes)
-        found.append(_Base(problem, grids, there, nothing, nothing, slopes))
-        beyond = away > _BEYOND
-        if beyond.any():
-            kept = replace(nothing, scores=np.where(beyond, 0.0, nothing.scores))
-            between = _about(machine, weighed, nothing, slopes, held=beyond)
-            found.append(_Base(problem, grids, between, kept, nothing, slopes))
-    return found
-
-
-def _about(
-    machine: Machine,
-    whitens: Difference,
-    nothing: Fit,
-    slopes: Sequence[NDArray[np.float64]],
-    held: NDArray[np.bool_] | None = None,
-) -> Difference:
-    """Return the difference with constants that are linear about where they explain most alone.
-
-    They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and Cathey
-    1993, IEEE Trans. Autom. Control 38:294).
-
-    Args:
-        machine: What is to be explained.
-        whitens: Weighs the features.
-        nothing: The constants alone.
-        slopes: Derivatives there.
-        held: Scores that are held at 0, shape (constants,); None: none.
-
-    """
-    columns = [each @ machine.root for each in slopes]
-    moved = [
-        raw - part + (each - own.shared) @ nothing.scores
-        for raw, part, own, each in zip(machine.raw, nothing.features, whitens.settings, columns, strict=True)
-    ]
-    if held is not None:
-        columns = [np.where(held, 0.0, each) for each in columns]
-    settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
-    found = replace(whitens, settings=settings, shared=whitens.by_scatter([each.T for each in columns]).T)
-    return replace(found, whitened=found.whiten(moved))
-
-
 def _whitened_by(difference: Difference, fit: Fit) -> Fit:
     """Return a fit as another whitening sees it."""
     signature = difference.whiten(fit.features)
@@ -435,95 +470,6 @@ def _whitened_by(difference: Difference, fit: Fit) -> Fit:
 def _start(names: tuple[str, ...], values: Mapping[str, float], features: Sequence[NDArray[np.float64]] = ()) -> Fit:
     nothing = np.zeros(0)
     return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing, tuple(features))
-
-
-def _from(problem: Problem, place: Place, base: Fit) -> Fit:
-    keys = [key for key, _ in problem.library.parameters(place.names)]
-    values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
-    return replace(_start(place.names, values), scores=base.scores)
-
-
-def _until_stopped(
-    runner: Runner, function: Callable[..., tuple[Fit, Made]], work: Sequence[tuple[Any, ...]], what: str
-) -> tuple[list[tuple[Fit, Made]], bool]:
-    """Return answers to several arguments, and whether all were given before a stop."""
-    finished = True
-    try:
-        answers = runner.map(function, work, what)
-    except StoppedError as stopped:
-        answers, finished = list(stopped.done), False
-    runner.count(made for _, made in answers)
-    return answers, finished
-
-
-def _weighed(
-    machine: Machine,
-    error: Discrepancy,
-    fits: Sequence[Fit],
-    runner: Runner,
-    constants: Constants,
-    *,
-    gap: bool,
-    finished: bool,
-) -> tuple[dict[Names, Fit], dict[Names, float], bool]:
-    """Return candidates beside the discrepancy that each leaves, their log-likelihoods, and whether all were fitted."""
-    count = len(machine.problem.library.effects)
-
-    def scored(fits: Mapping[Names, Fit]) -> dict[Names, float]:
-        others = [names for names in fits if names != NONE_OF_THEM]
-        scores = error.scores(fits[NONE_OF_THEM], [fits[names] for names in others], count)
-        return dict(zip((NONE_OF_THEM, *others), scores, strict=True))
-
-    def likeliest(own: Mapping[Names, float], most: int) -> set[Names]:
-        def odds(names: Names) -> float:
-            return own[names] - constants.pair_penalty * (len(names) - 1)
-
-        chosen = sorted((names for names in own if names != NONE_OF_THEM), key=odds, reverse=True)[:most]
-        # A pair is compared with its halves, and so these are fitted as well as it is.
-        return {NONE_OF_THEM, *chosen, *((name,) for names in chosen for name in names if (name,) in own)}
-
-    known = {fit.names: fit for fit in fits}
-    own = scored(known)
-    rounds = [(False, most) for most in constants.sharpened] if machine.problem.constants else []
-    doubtful = error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
-    if not gap:
-        rounds = [(False, 0)]  # no candidate will be named, and none needs derivatives of its own
-    elif doubtful and _affordable(machine, constants):
-        rounds = [*((evenly, most) for evenly in (True, False) for most in constants.sharpened_in_doubt), *rounds]
-    if finished and _are_dear(machine, constants):
-        chosen = sorted(likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
-        fits = [known[names] for names in chosen]
-        answers, finished = _sharpen_together(machine, error, fits, runner, constants)
-        known.update({fit.names: fit for fit, _ in answers if fit.features})
-        return known, scored(known), finished
-    for evenly, most in rounds:
-        if not finished:
-            break
-        work = [(machine, error, known[names], constants) for names in likeliest(own, most)]
-        answers, finished = _until_stopped(runner, partial(sharpen, evenly=(evenly,)), work, "constants of the machine")
-        known.update({fit.names: fit for fit, _ in answers if fit.features})
-        own = scored(known)
-    return known, own, finished
-
-
-def _sharpen_together(
-    machine: Machine, error: Discrepancy, fits: Sequence[Fit], runner: Runner, constants: Constants
-) -> tuple[list[tuple[Fit, Made]], bool]:
-    """Return candidates fitted again with derivatives by the constants where the first of them has come to.
-
-    Where derivatives are dear they are taken once for all that are likely, a setting at a time.
-    """
-    about = next((fit for fit in fits if fit.names), fits[0])
-    work = [(k, machine, error.difference_with(about), about, FORWARD) for k in range(len(machine.settings))]
-    try:
-        answers = runner.map(_slopes_and_runs, work, "constants of the machine")
-    except StoppedError:
-        return [], False
-    runner.count(made for _, made in answers)
-    slopes = [each[:, each.shape[1] - len(machine.problem.constants) :] for each, _ in answers]
-    patient = replace(constants, joint_evaluations=constants.fit_evaluations)
-    again = [(machine, error, fit, fit, patient, slopes) for fit in fits]
-    return _until_stopped(runner, partial(fit_beside_error, evenly=False), again, "constants of the machine")
 
 
 def fit_beside_error(
