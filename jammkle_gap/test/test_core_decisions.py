@@ -21,7 +21,7 @@ from jammkle_gap.core.scatter import (
     SettingScatter,
     difference_of,
     settings_of,
-    with_discrepancy,
+    whitened_difference,
 )
 from jammkle_gap.core.signatures import grid_of
 from pendulums import LIBRARY, PROBLEM, TWIN, machine
@@ -247,7 +247,7 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         ]
         residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
         difference = difference_of(settings, residuals, columns, none, none, CONSTANTS)
-        own = Discrepancy(settings, residuals, difference, CONSTANTS)
+        own = Discrepancy(settings, [each.difference for each in residuals], difference, CONSTANTS)
         explained = tuple(height * floor for floor in floors)
         blank = np.zeros(sum(sizes))
         fit = Fit(("offset",), {"offset.p": height}, blank, 0.0, blank[:, np.newaxis], blank, explained)
@@ -273,7 +273,8 @@ def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself()
     step = [1000.0 * floor * (np.arange(len(floor)) < len(floor) // 4) for floor in floors]
     rows = [one + two for one, two in zip(error, step, strict=True)]
     residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
-    own = Discrepancy(settings, residuals, difference_of(settings, residuals, none, none, none, CONSTANTS), CONSTANTS)
+    difference = difference_of(settings, residuals, none, none, none, CONSTANTS)
+    own = Discrepancy(settings, rows, difference, CONSTANTS)
 
     def explaining(features: list[np.ndarray]) -> Fit:
         return Fit(("e",), {"e.p": 1.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(features))
@@ -293,9 +294,13 @@ def test_beside_no_error_the_difference_is_as_it_was() -> None:
         size = own.size
         runs = np.random.default_rng(size).normal(size=(8, size)) * setting.layout.floor
         residuals.append(Residuals(runs[:3], runs[3:], runs[0]))
-    found = with_discrepancy(difference, residuals, [np.zeros(each.size) for each in difference.settings])
+    found = whitened_difference(difference.settings, [each.difference for each in residuals])
     assert found.whitened == pytest.approx(difference.whiten([each.difference for each in residuals]))
-    wider = with_discrepancy(difference, residuals, [np.full(each.size, 1.0) for each in difference.settings])
+    wider = whitened_difference(
+        difference.settings,
+        [each.difference for each in residuals],
+        [np.full(each.size, 1.0) for each in difference.settings],
+    )
     pairs = itertools.pairwise([found.whitened @ found.whitened, wider.whitened @ wider.whitened])
     assert all(later < earlier for earlier, later in pairs)
 

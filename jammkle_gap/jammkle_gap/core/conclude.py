@@ -53,15 +53,12 @@ class Evidence:
     calibration: Calibration
     machine: Machine
     """What was explained; its constants are held where there are references in every setting."""
+    residuals: tuple[Residuals, ...]
+    """With the constants that are known beforehand."""
     error: Discrepancy
     explained: Explained
     classes: tuple[tuple[str, ...], ...]
     grids: GridFeatures
-
-    @property
-    def residuals(self) -> tuple[Residuals, ...]:
-        """With the constants that are known beforehand."""
-        return self.error.residuals
 
     @property
     def difference(self) -> Difference:
@@ -114,15 +111,6 @@ def explained_by(evidence: Evidence, fit: Fit) -> float:
     return 1.0 - squares[0] / squares[1]
 
 
-def changes_of(evidence: Evidence, fit: Fit) -> list[NDArray[np.float64]]:
-    """Return what a candidate and its constants change in the features of each setting, in their units."""
-    if not len(fit.scores):
-        return list(fit.features)
-    return [
-        part + each.shared @ fit.scores for part, each in zip(fit.features, evidence.difference.settings, strict=True)
-    ]
-
-
 def _fitted(evidence: Evidence, fit: Fit) -> tuple[FittedEffect, ...]:
     library = evidence.problem.library
     half = _half_widths(evidence, fit)
@@ -159,20 +147,8 @@ def _half_widths(evidence: Evidence, fit: Fit) -> NDArray[np.float64]:
     if not error.without_references:
         size, healthy = evidence.difference.whitened.size, evidence.difference.healthy
         inflation += max(fit.left / size / healthy - 1.0, 0.0) * size / error.freedom
-    half: NDArray[np.float64] = _Z90 * np.sqrt(np.diag(_covariance(error, fit))[: len(fit.values)] * inflation)
+    half: NDArray[np.float64] = _Z90 * np.sqrt(np.diag(error.covariance(fit))[: len(fit.values)] * inflation)
     return half
-
-
-def _covariance(error: Discrepancy, fit: Fit) -> NDArray[np.float64]:
-    """Return the posterior covariance of parameters and scores of the constants (Laplace), beside model discrepancy."""
-    weights = error.difference_with(fit)
-    rows = weights.by_scatter([each.T for each in fit.slopes]).T
-    free = rows.shape[1] - len(fit.scores)
-    scale = np.concatenate([np.maximum(np.linalg.norm(rows[:, :free], axis=0), 1e-12), np.ones(len(fit.scores))])
-    prior = np.concatenate([np.zeros(free), np.ones(len(fit.scores))])
-    normal = (rows / scale).T @ (rows / scale) + np.diag(prior)
-    covariance: NDArray[np.float64] = np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
-    return covariance
 
 
 def held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
@@ -241,7 +217,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = where = difference.by_scatter(evidence.machine.raw)
     if verdict is Verdict.UNKNOWN:
-        where = nominal - difference.by_scatter(changes_of(evidence, explained.within))
+        where = nominal - difference.by_scatter(difference.changes(explained.within))
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
@@ -259,7 +235,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
             evidence.settings,
             constants.blocks,
         ),
-        signals=signal_gaps(evidence.settings, evidence.residuals, difference, changes_of(evidence, left_with)),
+        signals=signal_gaps(evidence.settings, evidence.residuals, difference, difference.changes(left_with)),
         held_out=held_out(evidence, best, constants),
         classes=evidence.classes,
         silent=explained.silent,
@@ -333,7 +309,7 @@ def _constants(evidence: Evidence, fit: Fit) -> tuple[FittedConstant, ...]:
     if not constants:
         return ()
     root, count = evidence.machine.root, len(fit.scores)
-    covariance = root @ _covariance(evidence.error, fit)[-count:, -count:] @ root.T
+    covariance = root @ evidence.error.covariance(fit)[-count:, -count:] @ root.T
     found = []
     for each, variance in zip(constants, np.diag(covariance).tolist(), strict=True):
         value, half = fit.machine.get(each.name, each.null), _Z90 * np.sqrt(variance) * each.sigma
@@ -345,7 +321,11 @@ def _constants(evidence: Evidence, fit: Fit) -> tuple[FittedConstant, ...]:
 def _traces(evidence: Evidence, fit: Fit) -> tuple[Trace, ...]:
     found = []
     for setting, each, own, signature in zip(
-        evidence.settings, evidence.residuals, evidence.difference.settings, changes_of(evidence, fit), strict=True
+        evidence.settings,
+        evidence.residuals,
+        evidence.difference.settings,
+        evidence.difference.changes(fit),
+        strict=True,
     ):
         layout = setting.layout
         deviation = np.sqrt(own.variance)

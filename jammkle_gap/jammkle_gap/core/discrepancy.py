@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.scatter import with_discrepancy
+from jammkle_gap.core.scatter import whitened_difference
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.features import Layout
     from jammkle_gap.core.fit import Fit
-    from jammkle_gap.core.scatter import Difference, Residuals, Setting
+    from jammkle_gap.core.scatter import Difference, Setting
 
 TURNS = 4
 """Times that a step and the variance of what it leaves follow from each other. Chosen: neither moves by more than a
@@ -114,7 +114,7 @@ class Discrepancy:
     def __init__(
         self,
         settings: Sequence[Setting],
-        residuals: Sequence[Residuals],
+        raw: Sequence[NDArray[np.float64]],
         difference: Difference,
         constants: Constants,
     ) -> None:
@@ -122,12 +122,12 @@ class Discrepancy:
 
         Args:
             settings: Runs.
-            residuals: Of each setting.
+            raw: Measured less simulated with the constants as known beforehand, per setting.
             difference: With the covariance of scatter and constants.
             constants: Blocks, and what is known of the error beforehand.
 
         """
-        self.residuals, self.difference, self._constants = tuple(residuals), difference, constants
+        self._every, self.difference, self._constants = tuple(raw), difference, constants
         referenced = [bool(setting.references) for setting in settings]
         self._referenced = np.repeat(referenced, [each.size for each in difference.settings])
         self.without_references = not all(referenced)
@@ -140,15 +140,15 @@ class Discrepancy:
             return
         self._blocks, self._per_block = blocks_of([settings[k].layout for k in self._used], constants)
         self._signals = _signals_of([settings[k].layout for k in self._used])
-        self._raw = np.concatenate([residuals[k].difference for k in self._used])
+        self._raw = np.concatenate([raw[k] for k in self._used])
         used = [difference.settings[k] for k in self._used]
         self._factor = np.concatenate([np.full(each.size, each.factor) for each in used])
         self._ends = np.cumsum([each.size for each in used])[:-1]
         smooth, self._columns = [], []
         for each in used:
             named, known = len(each.scatter.amplitudes), each.scatter.columns.shape[1]
-            smooth.append(np.square(each.columns[:, named:known]).sum(axis=1))
-            self._columns.append(np.delete(each.columns, slice(named, known), axis=1))
+            smooth.append(each.factor * np.square(each.columns[:, named:known]).sum(axis=1))
+            self._columns.append(np.sqrt(each.factor) * np.delete(each.columns, slice(named, known), axis=1))
         self._shared = np.vstack([each.shared for each in used])
         local = self._factor * np.concatenate([each.scatter.variance for each in used])
         # Smooth scatter lasts for a block as this error does, and so counts once a block too.
@@ -203,7 +203,7 @@ class Discrepancy:
         parts = np.split((total - self._base) / self._factor, self._ends)
         for k, part in zip(self._used, parts, strict=True):
             own[k] = part
-        return with_discrepancy(self.difference, self.residuals, own, lasting)
+        return whitened_difference(settings, self._every, own, lasting)
 
     def left_per_feature(self, fit: Fit) -> float:
         """Return what a candidate leaves per feature beyond scatter and constants, in the variance of scatter."""
@@ -212,6 +212,17 @@ class Discrepancy:
             return float(np.square(left).mean()) / self.difference.healthy
         _, rest, _ = self._split(self._left(fit), fit.scores)
         return float((np.square(rest) / self._base).mean())
+
+    def covariance(self, fit: Fit) -> NDArray[np.float64]:
+        """Return the posterior covariance of parameters and scores of the constants beside the error (Laplace)."""
+        weights = self.difference_with(fit)
+        rows = weights.by_scatter([each.T for each in fit.slopes]).T
+        free = rows.shape[1] - len(fit.scores)
+        scale = np.concatenate([np.maximum(np.linalg.norm(rows[:, :free], axis=0), 1e-12), np.ones(len(fit.scores))])
+        prior = np.concatenate([np.zeros(free), np.ones(len(fit.scores))])
+        normal = (rows / scale).T @ (rows / scale) + np.diag(prior)
+        covariance: NDArray[np.float64] = np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
+        return covariance
 
     def scores(self, nothing: Fit, fits: Sequence[Fit], effects: int) -> list[float]:
         """Return the log-likelihood of none of them, and of each candidate, up to the same constant.

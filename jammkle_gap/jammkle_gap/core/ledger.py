@@ -57,10 +57,7 @@ def predicted(
         explain over a whole recording is not taken for a prediction that fails.
 
     """
-    rests = [
-        raw - part - each.shared @ fit.scores if len(fit.scores) else raw - part
-        for raw, part, each in zip(machine.raw, fit.features, difference.settings, strict=True)
-    ]
+    rests = [raw - change for raw, change in zip(machine.raw, difference.changes(fit), strict=True)]
     found, fold = difference.by_scatter(rests), np.concatenate(folds)
     if fold.max(initial=0) == 0 or not fit.slopes or not fit.slopes[0].shape[1]:
         return found

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.features import Layout
+    from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.simulate import Problem, Runner
 
 
@@ -335,7 +336,7 @@ class SettingScatter:
     """Whitened, of single runs from the mean of their group, shape (runs, features)."""
     scatter: Scatter
     columns: NDArray[np.float64]
-    """Of the covariance of the difference, shape (features, columns)."""
+    """Of the covariance of one run, those of `scatter` first, shape (features, columns)."""
     shared: NDArray[np.float64]
     """Constants of the machine as columns, the same in all settings, shape (features, constants)."""
 
@@ -394,6 +395,12 @@ class Difference:
     def _over_constants(self) -> Whitener | None:
         return Whitener(np.ones(len(self.shared)), self.shared) if self.shared.any() else None
 
+    def changes(self, fit: Fit) -> list[NDArray[np.float64]]:
+        """Return what a candidate and its constants change in the features of each setting, in their units."""
+        if not len(fit.scores):
+            return list(fit.features)
+        return [part + each.shared @ fit.scores for part, each in zip(fit.features, self.settings, strict=True)]
+
     def split(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Return the rows of each setting of a vector or table of all features."""
         return np.split(values, np.cumsum([each.size for each in self.settings])[:-1])
@@ -436,37 +443,30 @@ def difference_of(
     for setting, each, own, more, constant in zip(settings, residuals, scatter, contact, shared, strict=True):
         columns = np.hstack([own.columns, more])
         deviations = Whitener(own.variance, columns)(each.deviations)
-        scaled = columns * np.sqrt(setting.factor)
-        found.append(SettingScatter(setting.factor, setting.freedom, deviations, own, scaled, constant))
-    return with_discrepancy(
-        Difference(np.zeros(0), (), tuple(found)), residuals, [np.zeros(each.size) for each in found]
-    )
+        found.append(SettingScatter(setting.factor, setting.freedom, deviations, own, columns, constant))
+    return whitened_difference(found, [each.difference for each in residuals])
 
 
-def with_discrepancy(
-    difference: Difference,
-    residuals: Sequence[Residuals],
-    own: Sequence[NDArray[np.float64]],
+def whitened_difference(
+    settings: Sequence[SettingScatter],
+    raw: Sequence[NDArray[np.float64]],
+    own: Sequence[NDArray[np.float64]] = (),
     lasting: Sequence[NDArray[np.float64]] = (),
 ) -> Difference:
-    """Return the difference whitened by its scatter together with model discrepancy.
+    """Return a difference whitened by its scatter together with model discrepancy.
 
     Args:
-        difference: With its scatter.
-        residuals: Of each setting.
-        own: Variance of model discrepancy in each feature of one run, per setting.
+        settings: Their scatter.
+        raw: The difference, per setting.
+        own: Variance of model discrepancy in each feature of one run, per setting; empty: none.
         lasting: Columns of model discrepancy that features share, per setting, shape (features, columns); empty: none.
 
     """
-    settings = difference.settings
-    variances = [each.scatter.variance + more for each, more in zip(settings, own, strict=True)]
-    columns = [each.columns / np.sqrt(each.factor) for each in settings]
-    if lasting:
-        pairs = zip(columns, lasting, settings, strict=True)
-        columns = [np.hstack([known, more / np.sqrt(each.factor)]) for known, more, each in pairs]
-    whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
-    shared = [
-        whitener((each.shared / np.sqrt(each.factor)).T).T for whitener, each in zip(whiteners, settings, strict=True)
-    ]
-    found = replace(difference, whiteners=whiteners, shared=np.concatenate(shared))
-    return replace(found, whitened=found.whiten([each.difference for each in residuals]))
+    whiteners, shared = [], []
+    for k, each in enumerate(settings):
+        variance = each.scatter.variance + own[k] if own else each.scatter.variance
+        columns = np.hstack([each.columns, lasting[k] / np.sqrt(each.factor)]) if lasting else each.columns
+        whiteners.append(Whitener(variance, columns))
+        shared.append(whiteners[k]((each.shared / np.sqrt(each.factor)).T).T)
+    found = Difference(np.zeros(0), tuple(whiteners), tuple(settings), np.concatenate(shared))
+    return replace(found, whitened=found.whiten(raw))
