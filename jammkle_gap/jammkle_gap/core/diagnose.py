@@ -16,10 +16,10 @@ from jammkle_gap.core.detect import classes_of
 from jammkle_gap.core.discrepancy import Discrepancy
 from jammkle_gap.core.explain import explain, least_left
 from jammkle_gap.core.fit import grid_features, grid_signatures
-from jammkle_gap.core.joint import Machine
+from jammkle_gap.core.joint import FORWARD, Machine, blank_of, slopes_and_runs
 from jammkle_gap.core.scatter import difference_of, refuse_copies, residuals_of, settings_of, whitened_difference
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
-from jammkle_gap.core.simulate import Runner, Task, on_one_thread
+from jammkle_gap.core.simulate import Runner, on_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,13 +27,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.explain import Provisional
     from jammkle_gap.core.fit import GridFeatures
     from jammkle_gap.core.result import Diagnosis
-    from jammkle_gap.core.scatter import Difference, Residuals, Setting
+    from jammkle_gap.core.scatter import Difference, Residuals
     from jammkle_gap.core.simulate import Problem, Progress, Stop
 
 
@@ -110,15 +109,20 @@ def evidence_of(
         raise BadRecordingError(msg)
     dictionaries = [
         # A regulator answers a fault: at the commands of a healthy run signatures would mislead.
-        dictionary_of(setting.faulty[0], problem, runner, constants, folder)
-        for setting in settings
+        dictionary_of(each.faulty[0], problem, runner, constants, folder).laid(each.layout, problem, each.faulty[0])
+        for each in settings
     ]
     nominal = residuals_of(settings, runner, {})
     settings = with_readings(settings, problem, runner)
-    difference = _difference(settings, nominal, dictionaries, problem, runner, uncalibrated(problem), constants)
-    slopes = [
-        _laid(each.constants, each, setting, problem) for each, setting in zip(dictionaries, settings, strict=True)
-    ]
+
+    def differing(residuals: Sequence[Residuals], shared: Sequence[NDArray[np.float64]]) -> Difference:
+        """Return the difference; constants of the machine are columns of it where there are no references."""
+        own = [np.zeros_like(each) if k.references else each for k, each in zip(settings, shared, strict=True)]
+        nuisances, contact = [each.scatter.T for each in dictionaries], [each.contact.T for each in dictionaries]
+        return difference_of(settings, residuals, nuisances, contact, own, constants)
+
+    slopes = [each.constants.T for each in dictionaries]
+    difference = differing(nominal, slopes)
     grids = grid_features(problem, settings, dictionaries)
     raw = tuple(each.difference for each in nominal)
     drawn = Machine(problem, settings, raw, uncalibrated(problem), _silent(problem, dictionaries, grids))
@@ -142,7 +146,11 @@ def evidence_of(
     else:
         if calibration.values:
             # Settings with references have calibrated the constants; else drawings give their tolerances.
-            difference = _difference(settings, calibrated, dictionaries, problem, runner, calibration, constants)
+            blank = blank_of(difference, [each @ machine.root for each in slopes])
+            work = [(k, machine, difference, blank, FORWARD) for k in range(len(settings))]
+            answers = runner.map(slopes_and_runs, work, "constants of the machine")
+            runner.count(made for _, made in answers)
+            difference = differing(calibrated, [each @ machine.root for each, _ in answers])
         error = Discrepancy(settings, machine.raw, difference, constants)
     explained = explain(machine, error, grids, runner, constants, provisional)
     classes = classes_of(grids_of(problem), grid_signatures(grids, error.difference), constants)
@@ -158,56 +166,3 @@ def _silent(problem: Problem, dictionaries: Sequence[Dictionary], grids: GridFea
         idle = [effect for effect in problem.library if not grids[effect.name][k].any()]
         found.append(frozenset(names.union(effect.key(each) for effect in idle for each in effect.parameters)))
     return tuple(found)
-
-
-def _difference(
-    settings: Sequence[Setting],
-    residuals: Sequence[Residuals],
-    dictionaries: Sequence[Dictionary],
-    problem: Problem,
-    runner: Runner,
-    calibration: Calibration,
-    constants: Constants,
-) -> Difference:
-    pairs = list(zip(dictionaries, settings, strict=True))
-    nuisances = [_laid(dictionary.scatter, dictionary, setting, problem) for dictionary, setting in pairs]
-    contact = [_laid(dictionary.contact, dictionary, setting, problem) for dictionary, setting in pairs]
-    shared = _shared(settings, dictionaries, problem, runner, calibration)
-    return difference_of(settings, residuals, nuisances, contact, shared, constants)
-
-
-def _laid(rows: NDArray[np.float64], dictionary: Dictionary, setting: Setting, problem: Problem) -> NDArray[np.float64]:
-    """Return differences of a dictionary as columns in the features of a setting, shape (n, differences)."""
-    return np.ascontiguousarray(dictionary.laid(setting.layout, rows, problem, setting.faulty[0]).T)
-
-
-def _shared(
-    settings: Sequence[Setting],
-    dictionaries: Sequence[Dictionary],
-    problem: Problem,
-    runner: Runner,
-    calibration: Calibration,
-) -> list[NDArray[np.float64]]:
-    """Return columns of the machine's constants where references are missing, one posterior deviation each."""
-    count = len(problem.constants)
-    found = [np.zeros((setting.layout.size, count)) for setting in settings]
-    for k, (setting, dictionary) in enumerate(zip(settings, dictionaries, strict=True)):
-        moving = np.flatnonzero(dictionary.constants.any(axis=1)).tolist()
-        if setting.references or not moving:
-            continue
-        if not calibration.values:
-            found[k] = _laid(dictionary.constants, dictionary, setting, problem)
-            continue
-        tasks, steps = [Task(setting.faulty[0], setting.layout, calibration.values)], []
-        for i in moving:
-            each = problem.constants[i]
-            at = calibration.values.get(each.name, each.null)
-            steps.append(each.step_from(at))
-            values = {**calibration.values, each.name: at + steps[-1] * each.sigma}
-            tasks.append(Task(setting.faulty[0], setting.layout, values))
-        first, *others = runner.features(tasks, "constants of the machine")
-        for i, step, made in zip(moving, steps, others, strict=True):
-            found[k][:, i] = np.nan_to_num(made - first) / step
-    # The matrix root of the posterior covariance turns one deviation of each constant into independent columns.
-    root = np.linalg.cholesky(calibration.covariance)
-    return [each @ root for each in found] if count else found

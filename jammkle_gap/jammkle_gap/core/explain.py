@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_gap.core.detect import detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
-from jammkle_gap.core.joint import CENTRAL, FORWARD, fit_jointly, slopes_in
+from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_and_runs, slopes_in
 from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import Made, StoppedError
@@ -146,7 +146,7 @@ class _Search:
             few = constants.hurried
             constants = replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
         self._constants = constants
-        self.blank = _start((), {}, [np.zeros(each.size) for each in error.difference.settings])
+        self.blank = blank_of(error.difference)
         self.finished = True
         """False once it was asked to stop."""
 
@@ -197,10 +197,10 @@ class _Search:
     def fitted(self, starts: Sequence[_Start], what: str) -> list[Fit]:
         """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated."""
         work = []
-        for base, begun, place in starts:
+        for base, beside, place in starts:
             keys = [key for key, _ in self._machine.problem.library.parameters(place.names)]
             values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
-            start = replace(_start(place.names, values), scores=begun.scores)
+            start = replace(begun(place.names, values), scores=beside.scores)
             work.append((self._machine, self._error, start, base.weighs, self._constants, base.slopes))
         return self._until_stopped(fit_beside_error, work, what)
 
@@ -261,7 +261,7 @@ class _Search:
     ) -> list[NDArray[np.float64]]:
         """Return derivatives of the features where a candidate has come to, a setting at a time."""
         work = [(k, self._machine, difference, fit, ends_at) for k in self._settings]
-        answers = self._runner.map(_slopes_and_runs, work, what)
+        answers = self._runner.map(slopes_and_runs, work, what)
         self._runner.count(made for _, made in answers)
         return [slopes for slopes, _ in answers]
 
@@ -383,13 +383,6 @@ class _Search:
         return self._until_stopped(partial(fit_beside_error, evenly=False), work, what)
 
 
-def _slopes_and_runs(
-    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
-) -> tuple[NDArray[np.float64], Made]:
-    signatures = machine.signatures()
-    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
-
-
 def _updated(
     slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
 ) -> list[NDArray[np.float64]]:
@@ -426,7 +419,7 @@ def fit_part(
         nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
         whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
     signatures = machine.signatures()
-    return fit_jointly(machine, whitens, _start(names, best.values), signatures, constants), signatures.made
+    return fit_jointly(machine, whitens, begun(names, best.values), signatures, constants), signatures.made
 
 
 def detect_beside_error(
@@ -465,11 +458,6 @@ def _whitened_by(difference: Difference, fit: Fit) -> Fit:
         jacobian=difference.whiten([each[:, :free].T for each in fit.slopes]).T if fit.slopes else fit.jacobian,
         whitened=difference.whitened,
     )
-
-
-def _start(names: tuple[str, ...], values: Mapping[str, float], features: Sequence[NDArray[np.float64]] = ()) -> Fit:
-    nothing = np.zeros(0)
-    return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing, tuple(features))
 
 
 def fit_beside_error(

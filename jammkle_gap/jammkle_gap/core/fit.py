@@ -296,8 +296,7 @@ def grid_features(problem: Problem, settings: Sequence[Setting], dictionaries: S
             )
             simulated = ~known_features(problem, setting.layout, (effect.name,))
             if simulated.any() and effect.name in dictionary.effects:
-                own = dictionary.effects[effect.name]
-                rows[:, simulated] = dictionary.laid(setting.layout, own, problem, setting.faulty[0])[:, simulated]
+                rows[:, simulated] = dictionary.effects[effect.name][:, simulated]
             parts.append(rows)
         found[effect.name] = parts
     return found

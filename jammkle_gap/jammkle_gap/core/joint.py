@@ -20,14 +20,14 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carr
 from jammkle_gap.core.fit import Fit, Signatures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.scatter import Difference, Setting
-    from jammkle_gap.core.simulate import Problem
+    from jammkle_gap.core.simulate import Made, Problem
 
 _STEP_SHARE, _LEAST_STEP = 0.15, 0.01
 """Step of a difference quotient: share of the distance from null, and least share of the range. Chosen: contact makes
@@ -111,6 +111,25 @@ class Machine:
         least, most = self.bounds
         below, above = (least - fit.scores, most - fit.scores) if independent else (-free, free)
         return np.minimum([*low, *below], -1e-12), np.maximum([*high, *above], 1e-12)
+
+
+def begun(names: tuple[str, ...], values: Mapping[str, float]) -> Fit:
+    """Return a candidate that is to be fitted, with where its parameters begin, by key."""
+    nothing = np.zeros(0)
+    return Fit(names, values, nothing, np.inf, np.zeros((0, 0)), nothing)
+
+
+def blank_of(difference: Difference, slopes: Sequence[NDArray[np.float64]] = ()) -> Fit:
+    """Return none of the effects, which changes nothing.
+
+    Args:
+        difference: Of which settings.
+        slopes: Derivatives by independent deviations of the constants, per setting; empty: these are not fitted.
+
+    """
+    count = slopes[0].shape[1] if slopes else 0
+    features = tuple(np.zeros(each.size) for each in difference.settings)
+    return replace(begun((), {}), features=features, scores=np.zeros(count), slopes=tuple(slopes))
 
 
 def fit_jointly(
@@ -322,6 +341,14 @@ def slopes_in(
         if after is not None and before is not None:
             found[:, i] = (after - before) / width
     return found
+
+
+def slopes_and_runs(
+    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
+) -> tuple[NDArray[np.float64], Made]:
+    """Return `slopes_in`, and the runs that it took."""
+    signatures = machine.signatures()
+    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
 
 
 def quotients(

@@ -264,40 +264,42 @@ class Dictionary:
     constants: NDArray[np.float64]
     """Differences for one standard deviation of each constant of the machine, shape (constants, n)."""
 
-    def laid(
-        self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording
-    ) -> NDArray[np.float64]:
-        """Return differences of the dictionary in the layout of the runs at hand, events put where theirs are.
+    def laid(self, layout: Layout, problem: Problem, run: Recording) -> Dictionary:
+        """Return the dictionary in the layout of the runs at hand, events put where theirs are.
+
+        Signals that it does not have are 0.
 
         Args:
             layout: Of the runs.
-            differences: Shape (..., n of the dictionary).
             problem: Tells which signals follow which event.
             run: One of the runs.
 
-        Returns:
-            Shape (..., layout.size). Signals that the dictionary does not have are 0.
-
         """
-        own = self.layout
-        table = own.by_signal(differences)
-        laid = np.zeros((*differences.shape[:-1], layout.size))
-        out = layout.by_signal(laid)
-        for i, name in enumerate(layout.signals):
-            if name not in own.signals:
-                continue
-            asked = problem.alignment.events_of(run, name) if problem.alignment is not None else ()
-            own_s = aligned_s(layout.time_s, asked, layout.event_s, own.event_s)
-            at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
-            low = np.floor(at).astype(int)
-            high = np.minimum(low + 1, own.bins - 1)
-            row = table[..., own.signals.index(name), :]
-            out[..., i, :] = row[..., low] * (1.0 - (at - low)) + row[..., high] * (at - low)
-        for i, name in enumerate(layout.event_s):
-            if name in own.event_s:
-                at_own = len(own.signals) * own.bins + list(own.event_s).index(name)
-                laid[..., len(layout.signals) * layout.bins + i] = differences[..., at_own]
-        return laid
+
+        def relaid(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+            own, table = self.layout, self.layout.by_signal(differences)
+            laid = np.zeros((*differences.shape[:-1], layout.size))
+            out = layout.by_signal(laid)
+            for i, name in enumerate(layout.signals):
+                if name not in own.signals:
+                    continue
+                asked = problem.alignment.events_of(run, name) if problem.alignment is not None else ()
+                own_s = aligned_s(layout.time_s, asked, layout.event_s, own.event_s)
+                at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
+                low = np.floor(at).astype(int)
+                high = np.minimum(low + 1, own.bins - 1)
+                row = table[..., own.signals.index(name), :]
+                out[..., i, :] = row[..., low] * (1.0 - (at - low)) + row[..., high] * (at - low)
+            for i, name in enumerate(layout.event_s):
+                if name in own.event_s:
+                    at_own = len(own.signals) * own.bins + list(own.event_s).index(name)
+                    laid[..., len(layout.signals) * layout.bins + i] = differences[..., at_own]
+            return laid
+
+        effects = {name: relaid(table) for name, table in self.effects.items()}
+        parts = (relaid(each) for each in (self.nominal, self.scatter, self.contact, self.constants))
+        nominal, scatter, contact, constants = parts
+        return Dictionary(layout, nominal, effects, scatter, contact, constants)
 
 
 def grids_of(problem: Problem) -> dict[str, Grid]:
