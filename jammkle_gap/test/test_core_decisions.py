@@ -10,10 +10,18 @@ import pytest
 from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
-from jammkle_gap.core.detect import class_names, classes_of, detect, probability_of_gap, spread_along
+from jammkle_gap.core.decide import (
+    NONE_OF_THEM,
+    class_names,
+    classes_of,
+    credible_set,
+    detect,
+    posterior_of,
+    probability_of_gap,
+    spread_along,
+)
 from jammkle_gap.core.discrepancy import Discrepancy, by_length
 from jammkle_gap.core.fit import Fit
-from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
 from jammkle_gap.core.scatter import (
     Difference,
     Residuals,

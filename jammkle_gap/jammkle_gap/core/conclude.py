@@ -7,12 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.decide import (
+    NONE_OF_THEM,
+    altogether,
+    beyond_tolerance,
+    by_class,
+    class_names,
+    class_of,
+    posterior_of,
+)
 from jammkle_gap.core.design import DETECTABLE, next_experiment
-from jammkle_gap.core.detect import altogether, beyond_tolerance, class_names, class_of
 from jammkle_gap.core.explain import detect_beside_error
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
-from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
 from jammkle_gap.core.result import (
     Candidate,
     Diagnosis,
@@ -33,13 +40,12 @@ if TYPE_CHECKING:
 
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.decide import Detection, Posterior
     from jammkle_gap.core.design import Experiment
-    from jammkle_gap.core.detect import Detection
     from jammkle_gap.core.discrepancy import Discrepancy
     from jammkle_gap.core.explain import Explained
     from jammkle_gap.core.fit import Fit, GridFeatures
     from jammkle_gap.core.joint import Machine
-    from jammkle_gap.core.posterior import Posterior
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
     from jammkle_gap.core.simulate import Problem, Runner
 
@@ -210,6 +216,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     named = [names for names in credible if names != NONE_OF_THEM]
     best = fits[named[0]] if named else None
     left_with = best or explained.within
+    traces = _traces(evidence, left_with)
     following = None
     if verdict is Verdict.AMBIGUOUS and finished:
         chosen, known = [fits[names] for names in named], evidence.machine.values(evidence.machine.mean)
@@ -217,7 +224,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = where = difference.by_scatter(evidence.machine.raw)
     if verdict is Verdict.UNKNOWN:
-        where = nominal - difference.by_scatter(difference.changes(explained.within))
+        where = nominal - difference.by_scatter(explained.within.changes(difference))
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
@@ -235,7 +242,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
             evidence.settings,
             constants.blocks,
         ),
-        signals=signal_gaps(evidence.settings, evidence.residuals, difference, difference.changes(left_with)),
+        signals=signal_gaps(traces),
         held_out=held_out(evidence, best, constants),
         classes=evidence.classes,
         silent=explained.silent,
@@ -245,7 +252,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         ledger=ledger_of(evidence.machine, error, difference, best, {(): explained.within, **fits}, runner, constants)
         if error.without_references and finished
         else (),
-        traces=_traces(evidence, left_with),
+        traces=traces,
         next_experiment=following,
         notes=_notes(evidence),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
@@ -324,7 +331,7 @@ def _traces(evidence: Evidence, fit: Fit) -> tuple[Trace, ...]:
         evidence.settings,
         evidence.residuals,
         evidence.difference.settings,
-        evidence.difference.changes(fit),
+        fit.changes(evidence.difference),
         strict=True,
     ):
         layout = setting.layout

@@ -12,7 +12,7 @@ from jammkle_gap.core.calibrate import calibrate, runnable, uncalibrated
 from jammkle_gap.core.conclude import Evidence, conclude
 from jammkle_gap.core.constants import Constants
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.core.detect import classes_of
+from jammkle_gap.core.decide import classes_of
 from jammkle_gap.core.discrepancy import Discrepancy
 from jammkle_gap.core.explain import explain, least_left
 from jammkle_gap.core.fit import grid_features, grid_signatures

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.core.detect import detect
+from jammkle_gap.core.decide import NONE_OF_THEM, detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
 from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_and_runs, slopes_in
-from jammkle_gap.core.posterior import NONE_OF_THEM
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import Made, StoppedError
 
@@ -21,11 +20,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.core.constants import Constants
-    from jammkle_gap.core.detect import Detection
+    from jammkle_gap.core.decide import Detection, Names
     from jammkle_gap.core.discrepancy import Discrepancy
     from jammkle_gap.core.fit import GridFeatures, Place
     from jammkle_gap.core.joint import Machine
-    from jammkle_gap.core.posterior import Names
     from jammkle_gap.core.scatter import Difference
     from jammkle_gap.core.simulate import Runner
 
@@ -396,30 +394,6 @@ def _updated(
         change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
         found.append(own + np.outer(change - own @ step, step) / (step @ step))
     return found
-
-
-def fit_part(
-    machine: Machine,
-    whitens: Difference,
-    best: Fit,
-    names: tuple[str, ...],
-    constants: Constants,
-) -> tuple[Fit, Made]:
-    """Return a fit of some of the effects of a candidate, begun where the candidate has come to, and its runs.
-
-    Args:
-        machine: What is to be explained; that of `held` has its constants nominal.
-        whitens: The difference beside the discrepancy that the candidate leaves.
-        best: The candidate.
-        names: Effects of it, or none.
-        constants: Of the model.
-
-    """
-    if not machine.problem.constants:
-        nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
-        whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
-    signatures = machine.signatures()
-    return fit_jointly(machine, whitens, begun(names, best.values), signatures, constants), signatures.made
 
 
 def detect_beside_error(

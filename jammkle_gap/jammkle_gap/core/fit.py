@@ -47,6 +47,12 @@ class Fit:
     slopes: tuple[NDArray[np.float64], ...] = field(default=(), repr=False)
     """Where constants were fitted: derivatives of the features of each setting by parameters and then by scores."""
 
+    def changes(self, difference: Difference) -> list[NDArray[np.float64]]:
+        """Return what it and its constants change in the features of each setting, in their units."""
+        if not len(self.scores):
+            return list(self.features)
+        return [part + each.shared @ self.scores for part, each in zip(self.features, difference.settings, strict=True)]
+
 
 _ALTERNATIONS = 3
 """Times that each half of a pair is profiled anew beside the other."""
@@ -101,8 +107,7 @@ class Profiles:
 
     def single(self, name: str) -> Place:
         """Return the best place of one effect."""
-        weights, values, gain = self._best(name, np.zeros(len(self._overlap)))
-        del weights
+        _, values, gain = self._best(name, np.zeros(len(self._overlap)))
         return Place((name,), (values,), gain)
 
     def pairs(self, first: Sequence[str], most: int) -> list[Place]:
@@ -113,12 +118,12 @@ class Profiles:
             most: Pairs that are returned.
 
         """
-        found = []
-        for i, one in enumerate(first):
-            for other in self._grids:
-                if other == one or other in first[:i]:
-                    continue
-                found.append(self._pair(one, other))
+        found = [
+            self._pair(one, other)
+            for i, one in enumerate(first)
+            for other in self._grids
+            if other != one and other not in first[:i]
+        ]
         return sorted(found, key=lambda place: -place.gain)[:most]
 
     def seconds(self, fit: Fit) -> list[Place]:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from jammkle_gap.core.constants import Constants
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.features import Layout
-    from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.simulate import Problem, Runner
 
 
@@ -394,12 +393,6 @@ class Difference:
     @cached_property
     def _over_constants(self) -> Whitener | None:
         return Whitener(np.ones(len(self.shared)), self.shared) if self.shared.any() else None
-
-    def changes(self, fit: Fit) -> list[NDArray[np.float64]]:
-        """Return what a candidate and its constants change in the features of each setting, in their units."""
-        if not len(fit.scores):
-            return list(fit.features)
-        return [part + each.shared @ fit.scores for part, each in zip(fit.features, self.settings, strict=True)]
 
     def split(self, values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Return the rows of each setting of a vector or table of all features."""
