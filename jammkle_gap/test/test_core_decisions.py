@@ -114,7 +114,7 @@ def scattered_along(random: np.random.Generator, *spreads: float) -> Difference:
     none, settings = np.zeros((2, 0)), []
     for spread in spreads:
         deviations = spread * random.normal(size=(8, 1)) * np.array([[1.0, 0.0]])
-        settings.append(SettingScatter(1.0, 8, deviations, Scatter(np.ones(2), none, 8, np.zeros(0)), none, none))
+        settings.append(SettingScatter(1.0, 8, deviations, Scatter(np.ones(2), none, np.zeros(0)), none, none))
     return Difference(np.zeros(2 * len(spreads)), (), tuple(settings))
 
 

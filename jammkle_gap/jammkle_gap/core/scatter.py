@@ -49,8 +49,6 @@ class Scatter:
     """D, shape (n,)."""
     columns: NDArray[np.float64]
     """U, shape (n, columns)."""
-    freedom: int
-    """Degrees of freedom of the repeats that it was fitted to."""
     amplitudes: NDArray[np.float64]
     """Standard deviation of each nuisance in units of its prior's, shape (nuisances,)."""
 
@@ -87,7 +85,7 @@ def fit_scatter(settings: Sequence[Repeats], constants: Constants) -> list[Scatt
     for each, variance in zip(settings, variances, strict=True):
         blocks = _blocks(each, variance, amplitude2, constants)
         scaled = each.columns * np.sqrt(amplitude2)
-        found.append(Scatter(variance, np.hstack([scaled, blocks]), each.freedom, np.sqrt(amplitude2)))
+        found.append(Scatter(variance, np.hstack([scaled, blocks]), np.sqrt(amplitude2)))
     return found
 
 
@@ -378,17 +376,14 @@ class Difference:
             Shape (..., features of all settings).
 
         """
-        return self.marginal(self.by_scatter(parts))
+        values = self.by_scatter(parts)
+        return values if self._over_constants is None else self._over_constants(values)
 
     def by_scatter(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return features whitened by scatter alone, the constants being as given; shapes as in `whiten`."""
         scaled = [part / np.sqrt(own.factor) for part, own in zip(parts, self.settings, strict=True)]
         each = [whitener(part) for whitener, part in zip(self.whiteners, scaled, strict=True)]
         return np.concatenate(each, axis=-1)
-
-    def marginal(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return features that are whitened by scatter, shape (..., n), with the priors of the constants as well."""
-        return values if self._over_constants is None else self._over_constants(values)
 
     @cached_property
     def _over_constants(self) -> Whitener | None:
