@@ -69,7 +69,7 @@ def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -
     given = problem(simulator)
     settings = settings_of([run("one", 1.25)], [run("two", 1.25), run("three", 1.25)], given)
     layout = settings[0].layout
-    scatter = Scatter(np.square(layout.floor), np.zeros((layout.size, 0)), 1, np.zeros(0))
+    scatter = Scatter(np.square(layout.floor), np.zeros((layout.size, 0)), np.zeros(0))
     bend = -2.0 * 0.1 * np.sin(layout.time_s)
     slopes = np.stack([bend, np.zeros(layout.size)], axis=1)
     found = calibrate(settings, [scatter], [slopes], given, Runner(given, 1), Constants())

@@ -10,10 +10,18 @@ import pytest
 from scipy import stats
 
 from jammkle_gap import Constants, Library, Problem
-from jammkle_gap.core.calibrate import Discrepancy
-from jammkle_gap.core.detect import class_names, classes_of, detect, probability_of_gap, spread_along
+from jammkle_gap.core.decide import (
+    NONE_OF_THEM,
+    class_names,
+    classes_of,
+    credible_set,
+    detect,
+    posterior_of,
+    probability_of_gap,
+    spread_along,
+)
+from jammkle_gap.core.discrepancy import Discrepancy, by_length
 from jammkle_gap.core.fit import Fit
-from jammkle_gap.core.posterior import NONE_OF_THEM, credible_set, posterior_of
 from jammkle_gap.core.scatter import (
     Difference,
     Residuals,
@@ -21,7 +29,7 @@ from jammkle_gap.core.scatter import (
     SettingScatter,
     difference_of,
     settings_of,
-    with_discrepancy,
+    whitened_difference,
 )
 from jammkle_gap.core.signatures import grid_of
 from pendulums import LIBRARY, PROBLEM, TWIN, machine
@@ -106,7 +114,7 @@ def scattered_along(random: np.random.Generator, *spreads: float) -> Difference:
     none, settings = np.zeros((2, 0)), []
     for spread in spreads:
         deviations = spread * random.normal(size=(8, 1)) * np.array([[1.0, 0.0]])
-        settings.append(SettingScatter(1.0, 8, deviations, Scatter(np.ones(2), none, 8, np.zeros(0)), none, none))
+        settings.append(SettingScatter(1.0, 8, deviations, Scatter(np.ones(2), none, np.zeros(0)), none, none))
     return Difference(np.zeros(2 * len(spreads)), (), tuple(settings))
 
 
@@ -150,7 +158,9 @@ def left_by(*lefts: float, names: tuple[str, ...] = ("one", "two", "three"), fea
 
 def posterior(length: float, fitted: list[Fit], classes: dict[str, str] | None = None):  # noqa: ANN201 - in a test
     """Return the posterior of candidates in four hundred features."""
-    return posterior_of(length, 400, 1.0, 32.0, fitted, {}, classes or {}, CONSTANTS)
+    scores = by_length(length, 400.0, [fit.left for fit in fitted], 32.0, CONSTANTS)
+    likelihoods = dict(zip((NONE_OF_THEM, *(fit.names for fit in fitted)), scores.tolist(), strict=True))
+    return posterior_of(likelihoods, {fit.names: fit for fit in fitted}, classes or {}, CONSTANTS)
 
 
 def test_the_larger_a_gap_the_more_a_second_effect_must_explain() -> None:
@@ -245,7 +255,7 @@ def test_the_simulators_own_error_leaves_scatter_and_constants_their_priors() ->
         ]
         residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
         difference = difference_of(settings, residuals, columns, none, none, CONSTANTS)
-        own = Discrepancy(settings, residuals, difference, CONSTANTS)
+        own = Discrepancy(settings, [each.difference for each in residuals], difference, CONSTANTS)
         explained = tuple(height * floor for floor in floors)
         blank = np.zeros(sum(sizes))
         fit = Fit(("offset",), {"offset.p": height}, blank, 0.0, blank[:, np.newaxis], blank, explained)
@@ -271,7 +281,8 @@ def test_the_simulators_own_error_hides_no_effect_elsewhere_and_is_none_itself()
     step = [1000.0 * floor * (np.arange(len(floor)) < len(floor) // 4) for floor in floors]
     rows = [one + two for one, two in zip(error, step, strict=True)]
     residuals = [Residuals(row[np.newaxis], np.zeros((0, len(row))), row) for row in rows]
-    own = Discrepancy(settings, residuals, difference_of(settings, residuals, none, none, none, CONSTANTS), CONSTANTS)
+    difference = difference_of(settings, residuals, none, none, none, CONSTANTS)
+    own = Discrepancy(settings, rows, difference, CONSTANTS)
 
     def explaining(features: list[np.ndarray]) -> Fit:
         return Fit(("e",), {"e.p": 1.0}, blank, 0.0, blank[:, np.newaxis], blank, tuple(features))
@@ -291,9 +302,13 @@ def test_beside_no_error_the_difference_is_as_it_was() -> None:
         size = own.size
         runs = np.random.default_rng(size).normal(size=(8, size)) * setting.layout.floor
         residuals.append(Residuals(runs[:3], runs[3:], runs[0]))
-    found = with_discrepancy(difference, residuals, [np.zeros(each.size) for each in difference.settings])
+    found = whitened_difference(difference.settings, [each.difference for each in residuals])
     assert found.whitened == pytest.approx(difference.whiten([each.difference for each in residuals]))
-    wider = with_discrepancy(difference, residuals, [np.full(each.size, 1.0) for each in difference.settings])
+    wider = whitened_difference(
+        difference.settings,
+        [each.difference for each in residuals],
+        [np.full(each.size, 1.0) for each in difference.settings],
+    )
     pairs = itertools.pairwise([found.whitened @ found.whitened, wider.whitened @ wider.whitened])
     assert all(later < earlier for earlier, later in pairs)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, cast
 
@@ -12,14 +13,17 @@ import numpy as np
 import pytest
 
 from jammkle_common.command.errors import StopRequest
-from jammkle_gap import Constants, Effect, EffectParameter, Recording, Signal
+from jammkle_gap import Constants, Effect, EffectParameter, Library, Problem, Recording, Signal
 from jammkle_gap.backend import backend
-from jammkle_gap.core.fit import Profiles, refine
+from jammkle_gap.core.calibrate import uncalibrated
+from jammkle_gap.core.fit import Fit, Profiles
+from jammkle_gap.core.joint import Machine, fit_jointly
+from jammkle_gap.core.scatter import Whitener, difference_of, residuals_of, settings_of
 from jammkle_gap.core.signatures import grid_of
-from jammkle_gap.core.simulate import Problem, Runner, StoppedError, simulated
+from jammkle_gap.core.simulate import Runner, StoppedError, simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -79,14 +83,8 @@ def test_a_second_effect_is_found_beside_a_fitted_one() -> None:
     """Where the grids have the first effect wrong, what it leaves once fitted still shows the second."""
     target = response("one", np.array([0.4])) + response("two", np.array([0.5, 0.3]))
     wrong = {**SIGNATURES, "one": 3.0 * np.ones_like(SIGNATURES["one"])}
-    chosen = EFFECTS[0]
-    parameters = [(chosen.key(chosen.parameters[0]), chosen.parameters[0])]
-
-    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
-        return response("one", np.array([values["one.p0"]]))
-
-    fit = refine(target, ("one",), parameters, {"one.p0": 0.2}, signature, Constants())
-    first, *others = Profiles(GRIDS, wrong, target).seconds(fit)
+    fit = fitted(EFFECTS[0], target, {"one.p0": 0.2}, responding)
+    first, *others = Profiles(GRIDS, wrong, fit.whitened).seconds(fit)
     assert first.names == ("one", "two")
     assert first.values[0] == pytest.approx([fit.values["one.p0"]])
     assert np.sign(first.values[1]) == pytest.approx([1.0, 1.0])
@@ -102,57 +100,77 @@ def test_the_mesh_holds_the_grid() -> None:
             assert grid.weights[at] @ SIGNATURES[name] == pytest.approx(signature)
 
 
+def responding(values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return what parameters by key make of the features."""
+    (name,) = {key.partition(".")[0] for key in values}
+    return response(name, np.array(list(values.values())))
+
+
+def fitted(
+    chosen: Effect,
+    target: NDArray[np.float64],
+    start: Mapping[str, float],
+    makes: Callable[[Mapping[str, float]], NDArray[np.float64]],
+) -> Fit:
+    """Return an effect fitted to features with white noise of 1, without constants of the machine."""
+    constants = Constants()
+    time_s = np.arange(SIZE + 1) + 0.5  # the last begins a bin that is not full
+
+    def simulate(_recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {"x": np.append(makes(values) if values else np.zeros(SIZE), 0.0)}
+
+    problem = Problem(simulate, Library((chosen,)), bin_s=lambda _: 1.0)
+    run = Recording("run", (Signal("x", "1", time_s, np.append(target, 0.0), 1.0),), setting="one")
+    settings = settings_of([run], (), problem)
+    (setting,) = residuals = residuals_of(settings, Runner(problem, 1), {})
+    none = [np.zeros((SIZE, 0))]
+    difference = difference_of(settings, residuals, none, none, none, constants)
+    difference = replace(difference, whitened=setting.difference, whiteners=(Whitener(np.ones(SIZE), none[0]),))
+    machine = Machine(problem, settings, (setting.difference,), uncalibrated(problem), (frozenset(),))
+    blank = np.zeros(0)
+    fit = Fit((chosen.name,), start, blank, np.inf, np.zeros((0, 0)), blank)
+    for _ in range(constants.reweighings):
+        fit = fit_jointly(machine, difference, fit, machine.signatures(), constants)
+    return fit
+
+
+def from_mesh(name: str, truth: tuple[float, ...]) -> Mapping[str, float]:
+    """Return parameters from profile and fit, as the search does it."""
+    target = response(name, np.array(truth))
+    chosen = next(each for each in EFFECTS if each.name == name)
+    place = Profiles(GRIDS, SIGNATURES, target).single(name)
+    keys = [chosen.key(each) for each in chosen.parameters]
+    return fitted(chosen, target, dict(zip(keys, place.values[0].tolist(), strict=True)), responding).values
+
+
 @pytest.mark.parametrize("truth", [(0.07,), (0.5,), (0.93,)])
 def test_gauss_newton_finds_one_parameter(truth: tuple[float, ...]) -> None:
     """From the nearest place of the mesh, without noise, to a thousandth."""
-    target = response("one", np.array(truth))
-    assert fitted("one", target)["one.p0"] == pytest.approx(truth[0], rel=1e-3)
+    assert from_mesh("one", truth)["one.p0"] == pytest.approx(truth[0], rel=1e-3)
 
 
 def test_gauss_newton_finds_two_parameters() -> None:
     """Of an effect whose parameters act on each other."""
-    found = fitted("two", response("two", np.array([0.37, -0.61])))
+    found = from_mesh("two", (0.37, -0.61))
     assert [found["two.p0"], found["two.p1"]] == pytest.approx([0.37, -0.61], rel=0.01)
-
-
-def fitted(name: str, target: NDArray[np.float64]) -> Mapping[str, float]:
-    """Return parameters from profile and fit, as the search does it."""
-    chosen = next(each for each in EFFECTS if each.name == name)
-    place = Profiles(GRIDS, SIGNATURES, target).single(name)
-    parameters = [(chosen.key(each), each) for each in chosen.parameters]
-    start = {key: float(value) for (key, _), value in zip(parameters, place.values[0], strict=True)}
-
-    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
-        return response(name, np.array([values[key] for key, _ in parameters]))
-
-    return refine(target, (name,), parameters, start, signature, Constants()).values
 
 
 def test_an_effect_far_smaller_than_its_bounds_is_found() -> None:
     """A leak of a ten-thousandth, where bounds reach to three tenths."""
     time_s = np.arange(SIZE) * 2.0
-    leak = EffectParameter("rate", "1/s", 0.0, 0.0, 0.3, "assumed")
+    leak = Effect("leak", "air", (EffectParameter("rate", "1/s", 0.0, 0.0, 0.3, "assumed"),), "Check it.")
 
-    def signature(values: Mapping[str, float]) -> NDArray[np.float64]:
+    def leaking(values: Mapping[str, float]) -> NDArray[np.float64]:
         return 7000.0 * (np.exp(-values["leak.rate"] * time_s) - 1.0)
 
-    found = refine(
-        signature({"leak.rate": 1e-4}), ("leak",), [("leak.rate", leak)], {"leak.rate": 0.0}, signature, Constants()
-    )
+    found = fitted(leak, leaking({"leak.rate": 1e-4}), {"leak.rate": 0.0}, leaking)
     assert found.values["leak.rate"] == pytest.approx(1e-4, rel=0.01)
 
 
-def test_derivatives_are_those_of_the_signature() -> None:
+def test_derivatives_are_those_of_the_features() -> None:
     """Intervals rest on them."""
-    found = refine(
-        response("other", np.array([0.4])),
-        ("other",),
-        [("other.p0", EFFECTS[2].parameters[0])],
-        {"other.p0": 0.3},
-        lambda values: response("other", np.array([values["other.p0"]])),
-        Constants(),
-    )
-    assert found.jacobian[:, 0] == pytest.approx(7.0 * (0.6 * SHAPES[0] + SHAPES[3]), rel=1e-6)
+    found = fitted(EFFECTS[2], response("other", np.array([0.4])), {"other.p0": 0.3}, responding)
+    assert found.slopes[0][:, 0] == pytest.approx(7.0 * (0.6 * SHAPES[0] + SHAPES[3]), rel=1e-6)
 
 
 LONG_S = 60.0

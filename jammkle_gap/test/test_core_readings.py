@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_gap import Constants, Library, Problem, Recording, Signal
+from jammkle_gap import Library, Problem, Recording, Signal
 from jammkle_gap.core.fit import Signatures
-from jammkle_gap.core.scatter import difference_of, residuals_of, settings_of
+from jammkle_gap.core.scatter import settings_of
 from jammkle_gap.core.signatures import sensed_difference, with_readings
 from jammkle_gap.core.simulate import Runner
 from pendulums import effect
@@ -116,10 +116,8 @@ def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> Non
     settings = settings_of([run("faulty", ANSWER, 0.05)], [run("healthy", HEALTHY)], problem)
     runner = Runner(problem, 1)
     settings = with_readings(settings, problem, runner)
-    none = [np.zeros((each.layout.size, 0)) for each in settings]
-    difference = difference_of(settings, residuals_of(settings, runner, {}), none, none, none, Constants())
     values = {"late.by": 0.05, "gain.by": 0.1}
-    (found,) = Signatures(problem, settings, difference, {}).parts(values) or ()
+    (found,) = Signatures(problem, settings, {}).parts(values) or ()
     level, other = settings[0].layout.by_signal(found)
     late = np.interp(TIMES_S - 0.05, TIMES_S, ANSWER)
     shifted = np.interp(TIMES_S - 0.05, TIMES_S, 2.0 * ANSWER + WRONG) - 2.0 * ANSWER - WRONG

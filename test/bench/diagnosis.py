@@ -23,7 +23,6 @@ from jammkle_gap.ankle.corrected import Correction
 from jammkle_gap.ankle.recording import recording_of_run
 from jammkle_gap.ankle.repeats import with_settings
 from jammkle_gap.core.diagnose import evidence_of
-from jammkle_gap.core.fit import Signatures
 from jammkle_gap.core.simulate import Runner
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
 
@@ -200,8 +199,8 @@ class _Scipy:
         runner = Runner(PROBLEM)
         evidence = evidence_of(asked.recordings, asked.references, PROBLEM, runner, Constants(), folder)
         self._difference = evidence.difference
-        self._signatures = lambda: Signatures(PROBLEM, evidence.settings, evidence.difference, evidence.machine)
-        self.live = [effect for effect in LIBRARY if effect.name not in evidence.candidates.silent]
+        self._signatures = evidence.machine.signatures
+        self.live = [effect for effect in LIBRARY if effect.name not in evidence.explained.silent]
 
     def simulated_s(self, effects: Sequence[Effect]) -> float:
         """Fit these effects together; return what that took."""
@@ -213,7 +212,8 @@ class _Scipy:
 
         def residual(point: NDArray[np.float64]) -> NDArray[np.float64]:
             values = dict(zip([key for key, _ in parameters], (low + point * span).tolist(), strict=True))
-            return self._difference.whitened - signatures(values)
+            made = signatures.parts(values)
+            return self._difference.whitened - (np.inf if made is None else self._difference.whiten(made))
 
         least_squares(
             residual,

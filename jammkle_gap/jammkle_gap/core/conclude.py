@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jammkle_gap.core.decide import (
+    NONE_OF_THEM,
+    altogether,
+    beyond_tolerance,
+    by_class,
+    class_names,
+    class_of,
+    posterior_of,
+)
 from jammkle_gap.core.design import DETECTABLE, next_experiment
-from jammkle_gap.core.detect import altogether, beyond_tolerance, class_names, class_of, detect
-from jammkle_gap.core.joint import detect_jointly
+from jammkle_gap.core.explain import detect_beside_error
 from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
-from jammkle_gap.core.posterior import NONE_OF_THEM, by_class, posterior_of
 from jammkle_gap.core.result import (
     Candidate,
     Diagnosis,
@@ -20,7 +27,6 @@ from jammkle_gap.core.result import (
     FittedEffect,
     FittedParameter,
     HeldOutSetting,
-    SignalGap,
     Spent,
     Trace,
     Verdict,
@@ -28,29 +34,20 @@ from jammkle_gap.core.result import (
 from jammkle_gap.core.simulate import on_one_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.calibrate import Calibration, Discrepancy
+    from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.decide import Detection, Posterior
     from jammkle_gap.core.design import Experiment
-    from jammkle_gap.core.detect import Detection
+    from jammkle_gap.core.discrepancy import Discrepancy
+    from jammkle_gap.core.explain import Explained
     from jammkle_gap.core.fit import Fit, GridFeatures
-    from jammkle_gap.core.joint import Explained, Machine
-    from jammkle_gap.core.posterior import Posterior
+    from jammkle_gap.core.joint import Machine
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
-    from jammkle_gap.core.search import Candidates
     from jammkle_gap.core.simulate import Problem, Runner
-
-
-@dataclass(frozen=True)
-class Unreferenced:
-    """What was found where references are missing, so that the constants of the machine were fitted as well."""
-
-    machine: Machine
-    explained: Explained
-    error: Discrepancy
 
 
 @dataclass(frozen=True)
@@ -59,20 +56,20 @@ class Evidence:
 
     problem: Problem
     settings: tuple[Setting, ...]
-    residuals: tuple[Residuals, ...]
-    """Of the machine that signatures were simulated with."""
     calibration: Calibration
-    machine: Mapping[str, float]
-    """Constants that signatures were simulated with: calibrated, or none where the nominal machine explains more."""
-    difference: Difference
-    """Whitened by scatter alone."""
-    noticed: tuple[Fit, ...]
-    """Single effects fitted to it: whether there is a gap."""
-    candidates: Candidates
-    """Fitted beside model discrepancy where references are missing: which effect it is."""
+    machine: Machine
+    """What was explained; its constants are held where there are references in every setting."""
+    residuals: tuple[Residuals, ...]
+    """With the constants that are known beforehand."""
+    error: Discrepancy
+    explained: Explained
     classes: tuple[tuple[str, ...], ...]
     grids: GridFeatures
-    unreferenced: Unreferenced | None = None
+
+    @property
+    def difference(self) -> Difference:
+        """Whitened by scatter and the priors of the constants."""
+        return self.error.difference
 
 
 _Z90 = 1.645
@@ -86,7 +83,6 @@ def candidate_of(
     fit: Fit | None,
     names: tuple[str, ...],
     probability: float,
-    constants: Constants,
 ) -> Candidate:
     """Return what is said of a candidate.
 
@@ -95,7 +91,6 @@ def candidate_of(
         fit: Of the candidate; None: none of the effects on offer.
         names: Of its effects.
         probability: Of the candidate.
-        constants: Of the model.
 
     """
     if fit is None:
@@ -107,44 +102,24 @@ def candidate_of(
         names,
         probability,
         explained_by(evidence, fit),
-        _fitted(evidence, fit, constants),
+        _fitted(evidence, fit),
         tuple(sorted(others)),
     )
 
 
-def left_by(evidence: Evidence, fit: Fit | None) -> NDArray[np.float64]:
-    """Return what a candidate leaves of the difference, whitened by scatter and the priors of the constants."""
-    whole = evidence.difference
-    return whole.whitened - (whole.whiten(fit.features) if fit is not None and fit.features else 0.0)
-
-
 def explained_by(evidence: Evidence, fit: Fit) -> float:
     """Return the share that a candidate explains of what the constants of the machine leave, squared and whitened."""
-    left, whole = left_by(evidence, fit), left_by(evidence, _nothing(evidence))
-    return 1.0 - float(left @ left) / float(whole @ whole)
+    whole = evidence.difference
+    squares = [
+        float(np.square(whole.whitened - whole.whiten(each.features)).sum())
+        for each in (fit, evidence.explained.nothing)
+    ]
+    return 1.0 - squares[0] / squares[1]
 
 
-def _nothing(evidence: Evidence) -> Fit | None:
-    return None if evidence.unreferenced is None else evidence.unreferenced.explained.nothing
-
-
-def _within(evidence: Evidence) -> Fit | None:
-    return None if evidence.unreferenced is None else evidence.unreferenced.explained.within
-
-
-def changes_of(evidence: Evidence, fit: Fit | None) -> list[NDArray[np.float64]]:
-    """Return what a candidate and its constants change in the features of each setting, in their units."""
-    settings = evidence.difference.settings
-    if fit is None or not fit.features:
-        return [np.zeros(each.size) for each in settings]
-    if not len(fit.scores):
-        return list(fit.features)
-    return [part + each.shared @ fit.scores for part, each in zip(fit.features, settings, strict=True)]
-
-
-def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedEffect, ...]:
+def _fitted(evidence: Evidence, fit: Fit) -> tuple[FittedEffect, ...]:
     library = evidence.problem.library
-    half = _half_widths(evidence, fit, constants)
+    half = _half_widths(evidence, fit)
     found = []
     for name in fit.names:
         effect = library.effect(name)
@@ -168,86 +143,37 @@ def _fitted(evidence: Evidence, fit: Fit, constants: Constants) -> tuple[FittedE
     return tuple(found)
 
 
-def freedom_of(evidence: Evidence, constants: Constants) -> float:
-    """Return the degrees of freedom of model discrepancy: at most one a signal and block of time."""
-    blocks = constants.blocks * sum(len(setting.layout.signals) for setting in evidence.settings)
-    return min(constants.discrepancy_freedom, float(blocks))
-
-
-def _half_widths(evidence: Evidence, fit: Fit, constants: Constants) -> NDArray[np.float64]:
+def _half_widths(evidence: Evidence, fit: Fit) -> NDArray[np.float64]:
     """Return half of each parameter's 90 % interval: curvature, times what the fit leaves beyond healthy scatter.
 
-    What is left is model discrepancy, which hangs together over time: see `freedom_of`. Where the constants were fitted
-    as well, it already weighs the features, and the constants widen the interval.
+    What is left is model discrepancy, which hangs together over time. Without references it already weighs the
+    features, and the constants widen the interval.
     """
-    if evidence.unreferenced is not None:
-        covariance = _joint_covariance(evidence.unreferenced.error, fit)
-        return _Z90 * np.sqrt(np.diag(covariance)[: fit.jacobian.shape[1]])
-    size = evidence.difference.whitened.size
-    beyond = max(fit.left / size / evidence.difference.healthy - 1.0, 0.0)
-    inflation = 1.0 + beyond * size / freedom_of(evidence, constants)
-    scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-12)
-    normal = (fit.jacobian / scale).T @ (fit.jacobian / scale)
-    variance = np.diag(np.linalg.pinv(normal, rcond=1e-8)) / scale**2
-    half: NDArray[np.float64] = _Z90 * np.sqrt(np.maximum(variance, 0.0) * inflation)
+    error, inflation = evidence.error, 1.0
+    if not error.without_references:
+        size, healthy = evidence.difference.whitened.size, evidence.difference.healthy
+        inflation += max(fit.left / size / healthy - 1.0, 0.0) * size / error.freedom
+    half: NDArray[np.float64] = _Z90 * np.sqrt(np.diag(error.covariance(fit))[: len(fit.values)] * inflation)
     return half
-
-
-def _joint_covariance(error: Discrepancy, fit: Fit) -> NDArray[np.float64]:
-    """Return the posterior covariance of parameters and scores of the constants (Laplace), beside model discrepancy."""
-    weights = error.difference_with(fit)
-    rows = weights.by_scatter([each.T for each in fit.slopes]).T
-    free = rows.shape[1] - len(fit.scores)
-    scale = np.concatenate([np.maximum(np.linalg.norm(rows[:, :free], axis=0), 1e-12), np.ones(len(fit.scores))])
-    prior = np.concatenate([np.zeros(free), np.ones(len(fit.scores))])
-    normal = (rows / scale).T @ (rows / scale) + np.diag(prior)
-    covariance: NDArray[np.float64] = np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
-    return covariance
-
-
-def predicted_of(
-    evidence: Evidence, best: Fit | None, folds: Sequence[NDArray[np.intp]] | None = None
-) -> list[NDArray[np.float64]]:
-    """Return what the best candidate leaves of what it was not fitted to, whitened by scatter, per setting.
-
-    By one Gauss-Newton step.
-
-    Args:
-        evidence: What was gathered.
-        best: The candidate; None: none of the effects.
-        folds: Where references are missing: what is held out together. None: each setting.
-
-    """
-    whole, own = evidence.difference, evidence.unreferenced
-    if own is not None:
-        fit = best or own.explained.within
-        apart = by_setting(evidence.settings) if folds is None else folds
-        return whole.split(predicted(own.machine, own.error, whole, fit, apart))
-    left = whole.split(left_by(evidence, best))
-    if best is None or len(left) == 1:
-        return left
-    parts, slopes = whole.split(best.whitened - best.signature), whole.split(best.jacobian)
-    found = []
-    for k in range(len(parts)):
-        others = [i for i in range(len(parts)) if i != k]
-        jacobian = np.concatenate([slopes[i] for i in others])
-        rest = np.concatenate([parts[i] for i in others])
-        scale = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-        found.append(parts[k] - slopes[k] @ (np.linalg.lstsq(jacobian / scale, rest, rcond=1e-6)[0] / scale))
-    return found
 
 
 def held_out(evidence: Evidence, best: Fit | None, constants: Constants) -> tuple[HeldOutSetting, ...]:
     """Return how far the gap closes in each setting with parameters fitted to the others."""
-    fitted = best is not None or evidence.unreferenced is not None
+    fitted = best is not None or evidence.error.without_references
     if not fitted or len(evidence.settings) < 2:  # noqa: PLR2004 - one alone cannot be held out
         return ()
     whole = evidence.difference
-    nominal = whole.split(whole.by_scatter([each.difference for each in evidence.residuals]))
+    nominal = whole.split(whole.by_scatter(evidence.machine.raw))
+    corrected = whole.split(_predicted(evidence, best, by_setting(evidence.settings)))
     return tuple(
         HeldOutSetting(setting.name, closing_of(before, after, whole.healthy, [setting], constants.blocks))
-        for setting, before, after in zip(evidence.settings, nominal, predicted_of(evidence, best), strict=True)
+        for setting, before, after in zip(evidence.settings, nominal, corrected, strict=True)
     )
+
+
+def _predicted(evidence: Evidence, best: Fit | None, folds: Sequence[NDArray[np.intp]]) -> NDArray[np.float64]:
+    fit = best or evidence.explained.within
+    return predicted(evidence.machine, evidence.error, evidence.difference, fit, folds)
 
 
 _ENOUGH = 5
@@ -265,34 +191,17 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         constants: Of the model.
 
     """
-    difference, candidates = evidence.difference, evidence.candidates
-    fits = {fit.names: fit for fit in (*candidates.singles, *candidates.pairs)}
-    own = evidence.unreferenced
-    if own is None:
-        detection = detect(difference, float(difference.whitened @ difference.whitened), evidence.noticed, constants)
-    else:
-        detection = detect_jointly(own.machine, own.error, own.explained.nothing, evidence.noticed, constants)
-    # Settings without references have a likelihood of their own.
-    referenced = np.repeat(
-        [bool(setting.references) for setting in evidence.settings], [each.size for each in difference.settings]
-    )
+    difference, error, explained = evidence.difference, evidence.error, evidence.explained
+    fits, finished = explained.fits, explained.finished
+    detection = detect_beside_error(evidence.machine, error, explained.nothing, explained.noticed, constants)
     classes = class_names(evidence.classes)
-    posterior = posterior_of(
-        _squared(difference.whitened, referenced),
-        int(referenced.sum()),
-        difference.healthy,
-        freedom_of(evidence, constants),
-        [replace(fit, left=_squared(fit.whitened - fit.signature, referenced)) for fit in fits.values()],
-        {} if own is None else own.explained.own,
-        classes,
-        constants,
-    )
-    if own is not None and posterior.best == NONE_OF_THEM:
+    posterior = posterior_of(explained.likelihoods, fits, classes, constants)
+    if error.without_references and posterior.best == NONE_OF_THEM:
         # Along effects a test sees what the constants were not fitted to quite; none of these is the better answer.
         detection = altogether(detection, constants)
-    elif own is not None:
+    elif error.without_references:
         alone, beside = (
-            [each.deviations for each in _constants(evidence, fit)] for fit in (None, fits[posterior.best])
+            [each.deviations for each in _constants(evidence, fit)] for fit in (explained.within, fits[posterior.best])
         )
         detection = beyond_tolerance(detection, alone, beside, constants)
     verdict = _verdict(detection, posterior)
@@ -306,19 +215,20 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         credible = []
     named = [names for names in credible if names != NONE_OF_THEM]
     best = fits[named[0]] if named else None
+    left_with = best or explained.within
+    traces = _traces(evidence, left_with)
     following = None
-    if verdict is Verdict.AMBIGUOUS and candidates.finished:
-        chosen = [fits[names] for names in named]
-        following = next_experiment(chosen, experiments, evidence.problem, runner, evidence.machine, constants.blocks)
+    if verdict is Verdict.AMBIGUOUS and finished:
+        chosen, known = [fits[names] for names in named], evidence.machine.values(evidence.machine.mean)
+        following = next_experiment(chosen, experiments, evidence.problem, runner, known, constants.blocks)
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
-    nominal = difference.by_scatter([each.difference for each in evidence.residuals])
-    where = nominal if verdict is not Verdict.UNKNOWN else difference.by_scatter(_left(evidence, _within(evidence)))
+    nominal = where = difference.by_scatter(evidence.machine.raw)
+    if verdict is Verdict.UNKNOWN:
+        where = nominal - difference.by_scatter(explained.within.changes(difference))
     return Diagnosis(
         verdict=verdict,
         reasons=_reasons(verdict, detection, posterior, evidence),
-        candidates=tuple(
-            candidate_of(evidence, fits.get(names), names, likely[names], constants) for names in credible
-        ),
+        candidates=tuple(candidate_of(evidence, fits.get(names), names, likely[names]) for names in credible),
         posterior=posterior.probabilities,
         gap_probability=detection.probability,
         p_value=detection.p_value,
@@ -327,26 +237,26 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         subsystems=_subsystems(evidence, posterior),
         gap=closing_of(
             nominal,
-            np.concatenate(predicted_of(evidence, best, by_time(evidence.settings))),
+            _predicted(evidence, best, by_time(evidence.settings)),
             difference.healthy,
             evidence.settings,
             constants.blocks,
         ),
-        signals=_signals(evidence, best),
+        signals=signal_gaps(traces),
         held_out=held_out(evidence, best, constants),
         classes=evidence.classes,
-        silent=candidates.silent,
+        silent=explained.silent,
         calibration=dict(sorted(spread.items(), key=lambda item: -abs(item[1]))),
         references_left=evidence.calibration.after,
-        constants=_constants(evidence, best),
-        ledger=()
-        if own is None or not candidates.finished
-        else ledger_of(own.machine, own.error, difference, best, {(): own.explained.within, **fits}, runner, constants),
-        traces=_traces(evidence, best),
+        constants=_constants(evidence, left_with),
+        ledger=ledger_of(evidence.machine, error, difference, best, {(): explained.within, **fits}, runner, constants)
+        if error.without_references and finished
+        else (),
+        traces=traces,
         next_experiment=following,
         notes=_notes(evidence),
         spent=Spent(0.0, runner.runs, runner.simulated_s),
-        finished=candidates.finished,
+        finished=finished,
     )
 
 
@@ -367,7 +277,7 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
         f"a probability of {detection.p_value:.2g}"
     )
-    if evidence.unreferenced is not None:
+    if evidence.error.without_references:
         accuracy = evidence.problem.accuracy
         beside = f" and the simulator's accuracy of {100.0 * accuracy:g} % of each signal's range" if accuracy else ""
         first = (
@@ -376,24 +286,19 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
             f"probability of {detection.p_value:.2g}"
         )
     if verdict is Verdict.NO_GAP:
-        far = [each for each in _constants(evidence, None) if abs(each.deviations) > _FAR]
+        far = [each for each in _constants(evidence, evidence.explained.within) if abs(each.deviations) > _FAR]
         moved = ", ".join(f"{each.name} by {each.deviations:+.1f}" for each in far)
         return (first, f"beyond its tolerance, in standard deviations: {moved}") if far else (first,)
     best = next((names for names in posterior.probabilities if names != NONE_OF_THEM), None)
     if best is None:
         return (first, "no effect on offer moves these signals")
-    fit = next(f for f in (*evidence.candidates.singles, *evidence.candidates.pairs) if f.names == best)
-    share = 100.0 * explained_by(evidence, fit)
+    share = 100.0 * explained_by(evidence, evidence.explained.fits[best])
     classes = class_names(evidence.classes)
     probability = by_class(posterior.probabilities, classes)[class_of(best, classes)]
     whole = " with all of its equivalence class" if set(best) & set(classes) else ""
     second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {probability:.2f}{whole}"
     unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
     return first, second, f"none of the effects on offer: probability {unknown:.2f}"
-
-
-def _squared(values: NDArray[np.float64], kept: NDArray[np.bool_]) -> float:
-    return float(np.square(values[kept]).sum())
 
 
 def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
@@ -405,37 +310,29 @@ def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _left(evidence: Evidence, fit: Fit | None) -> list[NDArray[np.float64]]:
-    parts = zip(evidence.residuals, changes_of(evidence, fit), strict=True)
-    return [each.difference - change for each, change in parts]
-
-
-def _constants(evidence: Evidence, best: Fit | None) -> tuple[FittedConstant, ...]:
-    """Return the constants of the machine beside the best candidate, with their posterior's intervals."""
-    own = evidence.unreferenced
-    if own is None or not evidence.problem.constants:
+def _constants(evidence: Evidence, fit: Fit) -> tuple[FittedConstant, ...]:
+    """Return the constants of the machine beside a candidate, with their posterior's intervals."""
+    constants = evidence.machine.problem.constants
+    if not constants:
         return ()
-    fit = best or own.explained.within
-    root, count = own.machine.root, len(fit.scores)
-    covariance = root @ _joint_covariance(own.error, fit)[-count:, -count:] @ root.T
+    root, count = evidence.machine.root, len(fit.scores)
+    covariance = root @ evidence.error.covariance(fit)[-count:, -count:] @ root.T
     found = []
-    for each, variance in zip(evidence.problem.constants, np.diag(covariance).tolist(), strict=True):
+    for each, variance in zip(constants, np.diag(covariance).tolist(), strict=True):
         value, half = fit.machine.get(each.name, each.null), _Z90 * np.sqrt(variance) * each.sigma
         interval = (max(value - half, each.minimum), min(value + half, each.maximum))
         found.append(FittedConstant(each.name, each.unit, value, each.null, (value - each.null) / each.sigma, interval))
     return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
 
 
-def _signals(evidence: Evidence, best: Fit | None) -> tuple[SignalGap, ...]:
-    changes = changes_of(evidence, best or _within(evidence))
-    return signal_gaps(evidence.settings, evidence.residuals, evidence.difference, changes)
-
-
-def _traces(evidence: Evidence, best: Fit | None) -> tuple[Trace, ...]:
+def _traces(evidence: Evidence, fit: Fit) -> tuple[Trace, ...]:
     found = []
-    changes = changes_of(evidence, best or _within(evidence))
     for setting, each, own, signature in zip(
-        evidence.settings, evidence.residuals, evidence.difference.settings, changes, strict=True
+        evidence.settings,
+        evidence.residuals,
+        evidence.difference.settings,
+        fit.changes(evidence.difference),
+        strict=True,
     ):
         layout = setting.layout
         deviation = np.sqrt(own.variance)

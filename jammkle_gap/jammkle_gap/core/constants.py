@@ -34,6 +34,9 @@ class Constants:
     calibration_steps: int = 3
     """Gauss-Newton steps. Chosen: a fourth takes off less than a tenth of what is left, on development landings."""
 
+    tried_on_machines: int = 2
+    """Effects that are fitted beside the nominal and the calibrated machine, to tell which of the two explains more."""
+
     # Search.
     refined: int = 8
     """Single effects that are fitted with the simulator."""

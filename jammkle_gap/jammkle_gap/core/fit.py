@@ -1,4 +1,4 @@
-"""Fitting: effects and pairs of them to the whitened difference, on their grids by algebra, then with the simulator."""
+"""Candidates: effects and pairs of them on their grids, by algebra, and what the simulator makes of them."""
 
 from __future__ import annotations
 
@@ -7,32 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import orth  # type: ignore[import-untyped]  # carries no types
-from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.signatures import grids_of, known_features, sensed_difference
 from jammkle_gap.core.simulate import Made, Task, run_task
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.constants import Constants
-    from jammkle_gap.core.effects import EffectParameter
     from jammkle_gap.core.scatter import Difference, Setting
     from jammkle_gap.core.signatures import Dictionary, Grid
-    from jammkle_gap.core.simulate import Problem, Runner
-
-    Signature = Callable[[Mapping[str, float]], NDArray[np.float64]]
-    """Whitened signature of parameters by key, shape (n,)."""
-
-STEP_SHARE, LEAST_STEP = 0.15, 0.01
-"""Step of a difference quotient: share of the distance from null, and least share of the range. Chosen: contact makes
-smaller differences of a simulation uneven."""
-_SHORTENINGS = 3
-"""Times that a step is tried, each time shortened to what there is to explain."""
-_LEAST_REACH = 3.0
-"""Change of the whitened signature that is always let pass: three standard deviations."""
+    from jammkle_gap.core.simulate import Problem
 
 
 @dataclass(frozen=True)
@@ -61,91 +47,11 @@ class Fit:
     slopes: tuple[NDArray[np.float64], ...] = field(default=(), repr=False)
     """Where constants were fitted: derivatives of the features of each setting by parameters and then by scores."""
 
-
-def refine(
-    difference: NDArray[np.float64],
-    names: tuple[str, ...],
-    parameters: Sequence[tuple[str, EffectParameter]],
-    start: Mapping[str, float],
-    signature: Signature,
-    constants: Constants,
-) -> Fit:
-    """Fit parameters with the simulator: Gauss-Newton in a trust region within their bounds (scipy's `trf`).
-
-    Args:
-        difference: Whitened, shape (n,).
-        names: Of the effects.
-        parameters: Their parameters by key.
-        start: Where to begin, by key.
-        signature: Simulates and whitens.
-        constants: Steps at most, and when it ends.
-
-    """
-    low = np.array([each.minimum for _, each in parameters])
-    span = np.array([each.maximum - each.minimum for _, each in parameters])
-    null = np.array([(each.null - each.minimum) / (each.maximum - each.minimum) for _, each in parameters])
-    keys = [key for key, _ in parameters]
-    known: dict[bytes, NDArray[np.float64]] = {}
-
-    def signature_at(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        place = shares.tobytes()
-        if place not in known:
-            known[place] = signature(dict(zip(keys, (low + shares * span).tolist(), strict=True)))
-        return known[place]
-
-    def jacobian_at(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -quotients(signature_at, shares, null, float(np.linalg.norm(difference - signature_at(shares))))
-
-    begin = np.clip((np.array([start[key] for key in keys]) - low) / span, 1e-6, 1.0 - 1e-6)
-    found = least_squares(
-        lambda shares: difference - signature_at(shares),
-        begin,
-        jac=jacobian_at,
-        bounds=(0.0, 1.0),
-        max_nfev=constants.fit_evaluations,
-        xtol=constants.fit_tolerance,
-        ftol=constants.fit_tolerance,
-    )
-    best = min(known.items(), key=lambda item: float(np.square(difference - item[1]).sum()))
-    shares = np.frombuffer(best[0])
-    left = float(np.square(difference - best[1]).sum())
-    values = dict(zip(keys, (low + shares * span).tolist(), strict=True))
-    return Fit(names, values, best[1], left, -np.asarray(found.jac) / span, difference)
-
-
-def quotients(
-    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    shares: NDArray[np.float64],
-    null: NDArray[np.float64],
-    reach: float,
-    length_of: Callable[[NDArray[np.float64]], float] = lambda change: float(np.linalg.norm(change)),
-) -> NDArray[np.float64]:
-    """Return difference quotients of a signature, shape (n, parameters).
-
-    Args:
-        function: Of shares of each parameter's range.
-        shares: Where.
-        null: Shares at which the effect is off.
-        reach: Length of what there is to explain. A step that changes more is no derivative, and is shortened.
-        length_of: Gives the whitened length of a change.
-
-    """
-    here, columns = function(shares), []
-    for i, share in enumerate(shares):
-        step = max(STEP_SHARE * abs(share - null[i]), LEAST_STEP)
-        step = -step if share + step > 1.0 else step
-        moved, change = shares, np.zeros_like(here)
-        for _ in range(_SHORTENINGS):
-            moved = shares.copy()
-            moved[i] += step
-            change = function(moved) - here
-            length = length_of(change)
-            if length <= max(reach, _LEAST_REACH):
-                break
-            step *= max(reach, _LEAST_REACH) / length
-        columns.append(change / (moved[i] - share))
-    slopes: NDArray[np.float64] = np.array(columns).reshape(len(shares), here.size).T
-    return slopes
+    def changes(self, difference: Difference) -> list[NDArray[np.float64]]:
+        """Return what it and its constants change in the features of each setting, in their units."""
+        if not len(self.scores):
+            return list(self.features)
+        return [part + each.shared @ self.scores for part, each in zip(self.features, difference.settings, strict=True)]
 
 
 _ALTERNATIONS = 3
@@ -201,8 +107,7 @@ class Profiles:
 
     def single(self, name: str) -> Place:
         """Return the best place of one effect."""
-        weights, values, gain = self._best(name, np.zeros(len(self._overlap)))
-        del weights
+        _, values, gain = self._best(name, np.zeros(len(self._overlap)))
         return Place((name,), (values,), gain)
 
     def pairs(self, first: Sequence[str], most: int) -> list[Place]:
@@ -213,12 +118,12 @@ class Profiles:
             most: Pairs that are returned.
 
         """
-        found = []
-        for i, one in enumerate(first):
-            for other in self._grids:
-                if other == one or other in first[:i]:
-                    continue
-                found.append(self._pair(one, other))
+        found = [
+            self._pair(one, other)
+            for i, one in enumerate(first)
+            for other in self._grids
+            if other != one and other not in first[:i]
+        ]
         return sorted(found, key=lambda place: -place.gain)[:most]
 
     def seconds(self, fit: Fit) -> list[Place]:
@@ -278,20 +183,17 @@ class Profiles:
         return everywhere, values, gain
 
 
-_INFEASIBLE = 1e6
-"""Whitened features of parameters that cannot be simulated: far from everything that is measured."""
 SILENT = 1e-6
 """Whitened feature below which nothing moves: rounding."""
 
 
 class Signatures:
-    """Whitened signatures of parameters, with the simulator at the faulty runs' own inputs; remembers its runs."""
+    """What parameters make of the features, with the simulator at the faulty runs' own inputs; remembers its runs."""
 
     def __init__(
         self,
         problem: Problem,
         settings: Sequence[Setting],
-        difference: Difference,
         machine: Mapping[str, float],
         silent: Sequence[frozenset[str]] = (),
     ) -> None:
@@ -300,25 +202,16 @@ class Signatures:
         Args:
             problem: Simulator and sensing.
             settings: Runs; the first faulty one of each setting is run again.
-            difference: Whitens.
             machine: Calibrated constants, by name.
             silent: Parameters and constants that move nothing in a setting, and are not simulated there, per setting.
 
         """
         self._problem = problem
         self._settings = settings
-        self.difference = difference
         self._machine = dict(machine)
         self._silent = silent or [frozenset[str]()] * len(settings)
         self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
         self.made = Made(0, 0.0)
-
-    def __call__(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the whitened signature of parameters by key; far off where they are infeasible."""
-        parts = self.parts(values)
-        if parts is None:
-            return np.full(self.difference.whitened.size, _INFEASIBLE)
-        return self.difference.whiten(parts)
 
     def parts(
         self, values: Mapping[str, float], machine: Mapping[str, float] | None = None
@@ -408,8 +301,7 @@ def grid_features(problem: Problem, settings: Sequence[Setting], dictionaries: S
             )
             simulated = ~known_features(problem, setting.layout, (effect.name,))
             if simulated.any() and effect.name in dictionary.effects:
-                own = dictionary.effects[effect.name]
-                rows[:, simulated] = dictionary.laid(setting.layout, own, problem, setting.faulty[0])[:, simulated]
+                rows[:, simulated] = dictionary.effects[effect.name][:, simulated]
             parts.append(rows)
         found[effect.name] = parts
     return found
@@ -419,85 +311,3 @@ def grid_signatures(features: GridFeatures, difference: Difference) -> dict[str,
     """Return whitened signatures of every effect's grid points, shape (points, n), those that move nothing left out."""
     whitened = {name: difference.whiten(parts) for name, parts in features.items()}
     return {name: each for name, each in whitened.items() if np.abs(each).max() > SILENT}
-
-
-@dataclass(frozen=True)
-class Screening:
-    """Every effect on its grid, and with one run at the faulty runs' own commands."""
-
-    profiles: Profiles
-    places: Mapping[str, Place]
-    order: tuple[str, ...]
-    """Effects, the most promising first."""
-    gains: Mapping[str, float]
-    """By how much each shortens the squared difference, at the run's own commands where that was simulated."""
-    left: float
-    """Squared length of what the most promising one leaves."""
-
-
-def screen(
-    problem: Problem,
-    settings: Sequence[Setting],
-    signatures: Mapping[str, NDArray[np.float64]],
-    difference: Difference,
-    machine: Mapping[str, float],
-    runner: Runner,
-) -> Screening:
-    """Look at every effect.
-
-    Args:
-        problem: Simulator, library and sensing.
-        settings: Runs.
-        signatures: Whitened, of every effect's grid points; see `grid_signatures`.
-        difference: To be explained.
-        machine: Calibrated constants.
-        runner: Makes the runs.
-
-    """
-    profiles = Profiles(grids_of(problem), signatures, difference.whitened)
-    places = {name: profiles.single(name) for name in profiles.names}
-    screened = _screened(problem, settings, difference, machine, runner, places)
-    gains = {name: max(place.gain, screened.get(name, -np.inf)) for name, place in places.items()}
-    # What was simulated at the run's own commands is what counts; sensors' effects need no simulation.
-    proven = {name: screened.get(name, place.gain) for name, place in places.items()}
-    length = float(difference.whitened @ difference.whitened)
-    order = sorted(gains, key=lambda name: -gains[name])
-    return Screening(profiles, places, tuple(order), proven, length - max(proven.values(), default=0.0))
-
-
-def _screened(
-    problem: Problem,
-    settings: Sequence[Setting],
-    difference: Difference,
-    machine: Mapping[str, float],
-    runner: Runner,
-    places: Mapping[str, Place],
-) -> dict[str, float]:
-    """Return the gain of each effect with one run at the faulty run's own commands, scaled to fit best.
-
-    A regulator answers a fault, so that a grid at healthy commands misleads: a signature is trusted once it was
-    simulated at the commands of the run itself.
-    """
-    known = {name: [known_features(problem, setting.layout, (name,)) for setting in settings] for name in places}
-    names = [name for name in places if not all(each.all() for each in known[name])]
-    values = {}
-    tasks = [Task(setting.faulty[0], setting.layout, dict(machine)) for setting in settings]
-    for name in names:
-        keys = [key for key, _ in problem.library.parameters((name,))]
-        values[name] = dict(zip(keys, places[name].values[0].tolist(), strict=True))
-        tasks += [Task(setting.faulty[0], setting.layout, {**machine, **values[name]}) for setting in settings]
-    made = runner.features(tasks, "screening")
-    count = len(settings)
-    found = {}
-    for i, name in enumerate(names, 1):
-        parts = []
-        for k, setting in enumerate(settings):
-            change = np.nan_to_num(made[count * i + k] - made[k])
-            sensed = sensed_difference(problem, setting, values[name])
-            parts.append(np.where(known[name][k], sensed, change))
-        signature = difference.whiten(parts)
-        squared = float(signature @ signature)
-        # Less than the whole of a signature can be had by a smaller effect; more only up to the bounds.
-        share = float(np.clip(signature @ difference.whitened / squared, 0.0, 1.5)) if squared > SILENT else 0.0
-        found[name] = share * (2.0 * float(signature @ difference.whitened) - share * squared)
-    return found

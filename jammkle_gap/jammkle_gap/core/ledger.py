@@ -9,6 +9,7 @@ overlaps is shared by Shapley's value: the mean of what a part closes over all o
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from math import factorial
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap.core.joint import fit_part
+from jammkle_gap.core.joint import begun, fit_jointly
 from jammkle_gap.core.result import LedgerEntry
 
 if TYPE_CHECKING:
@@ -24,12 +25,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.calibrate import Discrepancy
     from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.discrepancy import Discrepancy
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.joint import Machine
     from jammkle_gap.core.scatter import Difference, Setting
-    from jammkle_gap.core.simulate import Runner
+    from jammkle_gap.core.simulate import Made, Runner
 
 CONSTANTS = "constants of the machine"
 LEFT = "left"
@@ -57,10 +58,7 @@ def predicted(
         explain over a whole recording is not taken for a prediction that fails.
 
     """
-    rests = [
-        raw - part - each.shared @ fit.scores if len(fit.scores) else raw - part
-        for raw, part, each in zip(machine.raw, fit.features, difference.settings, strict=True)
-    ]
+    rests = [raw - change for raw, change in zip(machine.raw, fit.changes(difference), strict=True)]
     found, fold = difference.by_scatter(rests), np.concatenate(folds)
     if fold.max(initial=0) == 0 or not fit.slopes or not fit.slopes[0].shape[1]:
         return found
@@ -129,13 +127,39 @@ def ledger_of(
             own = known.get(chosen)
             if own is None:
                 names = tuple(name for name in chosen if name != CONSTANTS)
-                own, made = fit_part(machine if CONSTANTS in chosen else machine.held(), whitens, fit, names, constants)
+                own, made = _fit_part(
+                    machine if CONSTANTS in chosen else machine.held(), whitens, fit, names, constants
+                )
                 runner.count([made])
             gaps[frozenset(chosen)] = _gap(predicted(machine, error, difference, own, folds), difference.healthy)
     whole, least = gaps[frozenset()], gaps[frozenset(parts)]
     above = whole - 1.0 if whole - 1.0 > _SMALLEST else np.nan
     found = [LedgerEntry(part, _shapley(part, parts, gaps) / above, gaps[frozenset({part})]) for part in parts]
     return (*found, LedgerEntry(LEFT, max(least - 1.0, 0.0) / above, least))
+
+
+def _fit_part(
+    machine: Machine,
+    whitens: Difference,
+    best: Fit,
+    names: tuple[str, ...],
+    constants: Constants,
+) -> tuple[Fit, Made]:
+    """Return a fit of some of the effects of a candidate, begun where the candidate has come to, and its runs.
+
+    Args:
+        machine: What is to be explained; that of `held` has its constants nominal.
+        whitens: The difference beside the discrepancy that the candidate leaves.
+        best: The candidate.
+        names: Effects of it, or none.
+        constants: Of the model.
+
+    """
+    if not machine.problem.constants:
+        nominal = tuple(replace(each, shared=each.shared[:, :0]) for each in whitens.settings)
+        whitens = replace(whitens, settings=nominal, shared=whitens.shared[:, :0])
+    signatures = machine.signatures()
+    return fit_jointly(machine, whitens, begun(names, best.values), signatures, constants), signatures.made
 
 
 def _gap(left: NDArray[np.float64], healthy: float) -> float:

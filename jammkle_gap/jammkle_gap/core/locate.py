@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_gap.core.features import Alignment
-    from jammkle_gap.core.scatter import Difference, Residuals, Setting
+    from jammkle_gap.core.result import Trace
+    from jammkle_gap.core.scatter import Setting
 
 _RESAMPLES = 400
 _INTERVAL = (0.05, 0.95)
@@ -152,46 +153,14 @@ def closing_of(
     return Closing(float(nominal), float(corrected), float(share), (float(low), float(high)))
 
 
-def signal_gaps(
-    settings: Sequence[Setting],
-    residuals: Sequence[Residuals],
-    difference: Difference,
-    signatures: Sequence[NDArray[np.float64]],
-) -> tuple[SignalGap, ...]:
-    """Return how far each signal is off before and after, in healthy scatter and in its own unit.
-
-    Args:
-        settings: Runs.
-        residuals: Of each.
-        difference: With the scatter of each setting.
-        signatures: What the effect makes of the features of each setting, in their units.
-
-    """
-    sums: dict[tuple[str, str], NDArray[np.float64]] = {}
-    for setting, each, own_scatter, signature in zip(settings, residuals, difference.settings, signatures, strict=True):
-        layout = setting.layout
-        variance = own_scatter.variance
-        before, after = each.difference, each.difference - signature
-        for i, (name, unit) in enumerate(zip(layout.signals, layout.units, strict=True)):
-            rows = [layout.by_signal(values)[i] for values in (before, after, variance)]
-            own = np.array(
-                [
-                    float(np.square(rows[0]).sum()),
-                    float(np.square(rows[1]).sum()),
-                    float(rows[2].sum()),
-                    float((np.square(rows[0]) / rows[2]).sum()),
-                    float((np.square(rows[1]) / rows[2]).sum()),
-                    layout.bins,
-                ]
-            )
-            sums[name, unit] = sums.get((name, unit), np.zeros(6)) + own
-    return tuple(
-        SignalGap(
-            name,
-            unit,
-            float(np.sqrt(own[3] / own[5])),
-            float(np.sqrt(own[4] / own[5])),
-            *(float(np.sqrt(own[j] / own[5])) for j in range(3)),
-        )
-        for (name, unit), own in sums.items()
-    )
+def signal_gaps(traces: Sequence[Trace]) -> tuple[SignalGap, ...]:
+    """Return how far each signal is off before and after, over all settings, in healthy scatter and in its own unit."""
+    found = []
+    for name, unit in dict.fromkeys((each.signal, each.unit) for each in traces):
+        own = [each for each in traces if (each.signal, each.unit) == (name, unit)]
+        before = np.concatenate([each.difference for each in own])
+        after = before - np.concatenate([each.signature for each in own])
+        scatter = np.concatenate([each.scatter for each in own])
+        rows = (before / scatter, after / scatter, before, after, scatter)
+        found.append(SignalGap(name, unit, *(float(np.sqrt(np.square(row).mean())) for row in rows)))
+    return tuple(found)

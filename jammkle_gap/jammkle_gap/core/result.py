@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -244,83 +244,22 @@ class Diagnosis:
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis as what JSON can hold; gaps are in healthy scatter, intervals are 90 %."""
-    following = diagnosis.next_experiment
+    plain = _plain(diagnosis)
     return {
-        "verdict": diagnosis.verdict.value,
-        "reasons": list(diagnosis.reasons),
+        **{name: plain[name] for name in _AS_THEY_ARE},
         "effects": [_effect(each) for each in diagnosis.effects],
         "set": [
-            {
-                "names": list(each.names),
-                "probability": _number(each.probability),
-                "explained": _number(each.explained),
-                "equivalents": list(each.equivalents),
-                "effects": [_effect(effect) for effect in each.effects],
-            }
-            for each in diagnosis.candidates
+            {**_plain(each), "effects": [_effect(effect) for effect in each.effects]} for each in diagnosis.candidates
         ],
         "posterior": [
-            {"names": list(names), "probability": _number(value)} for names, value in diagnosis.posterior.items()
+            {"names": list(names), "probability": _plain(value)} for names, value in diagnosis.posterior.items()
         ],
-        "gap_probability": _number(diagnosis.gap_probability),
-        "p_value": _number(diagnosis.p_value),
-        "false_alarm_rate": diagnosis.false_alarm_rate,
-        "where": [
-            {
-                "signal": each.signal,
-                "phase": each.phase,
-                "share": _number(each.share),
-                "interval": _interval(each.interval),
-                "gap": _number(each.gap),
-            }
-            for each in diagnosis.where
-        ],
-        "subsystems": {name: _number(value) for name, value in diagnosis.subsystems.items()},
         "gap": {
-            **_closing(diagnosis.gap),
-            "signals": {
-                each.signal: {
-                    "unit": each.unit,
-                    "nominal": _number(each.nominal),
-                    "corrected": _number(each.corrected),
-                    "nominal_physical": _number(each.nominal_physical),
-                    "corrected_physical": _number(each.corrected_physical),
-                    "scatter_physical": _number(each.scatter_physical),
-                }
-                for each in diagnosis.signals
-            },
-            "held_out": [{"setting": each.setting, **_closing(each.closing)} for each in diagnosis.held_out],
+            **plain["gap"],
+            "signals": _by(plain["signals"], "signal"),
+            "held_out": [{"setting": each["setting"], **each["closing"]} for each in plain["held_out"]],
         },
-        "classes": [list(each) for each in diagnosis.classes],
-        "silent": list(diagnosis.silent),
-        "calibration": {name: _number(value) for name, value in diagnosis.calibration.items()},
-        "constants": {
-            each.name: {
-                "value": _number(each.value),
-                "unit": each.unit,
-                "nominal": each.nominal,
-                "deviations": _number(each.deviations),
-                "interval": _interval(each.interval),
-            }
-            for each in diagnosis.constants
-        },
-        "ledger": [
-            {"part": each.part, "share": _number(each.share), "gap": _number(each.gap)} for each in diagnosis.ledger
-        ],
-        "references_left": _number(diagnosis.references_left),
-        "next_experiment": None
-        if following is None
-        else {
-            "name": following.name,
-            "lasts_s": _number(following.lasts_s),
-            "signal": following.signal,
-            "difference": _number(following.difference),
-            "difference_physical": _number(following.difference_physical),
-            "unit": following.unit,
-            "sentence": following.sentence,
-        },
-        "notes": list(diagnosis.notes),
-        "finished": diagnosis.finished,
+        "constants": _by(plain["constants"], "name"),
         "runtime": {
             "wall_s": diagnosis.spent.wall_s,
             "simulator_runs": diagnosis.spent.runs,
@@ -329,37 +268,37 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _number(value: float) -> float | None:
-    """Return a number that JSON has; None for those that it has not."""
-    return float(value) if math.isfinite(value) else None
+_AS_THEY_ARE = (
+    "verdict", "reasons", "gap_probability", "p_value", "false_alarm_rate", "where", "subsystems", "classes", "silent",
+    "calibration", "ledger", "references_left", "next_experiment", "notes", "finished",
+)  # fmt: skip
 
 
-def _interval(interval: tuple[float, float]) -> list[float | None]:
-    return [_number(value) for value in interval]
+def _plain(value: Any) -> Any:
+    """Return what JSON can hold: fields of dataclasses by name, and None for numbers that JSON has not."""
+    if dataclasses.is_dataclass(value):
+        return {each.name: _plain(getattr(value, each.name)) for each in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def _by(rows: list[dict[str, Any]], key: str) -> dict[str, dict[str, Any]]:
+    """Return rows by one of their fields."""
+    return {row[key]: {name: value for name, value in row.items() if name != key} for row in rows}
 
 
 def _effect(effect: FittedEffect) -> dict[str, Any]:
+    parameters = _by([_plain(each) for each in effect.parameters], "name")
     return {
         "name": effect.name,
         "subsystem": effect.subsystem,
         "check": effect.sentence,
-        "parameters": {
-            each.name: {
-                "value": _number(each.value),
-                "unit": each.unit,
-                "interval": _interval(each.interval),
-                "at_bound": each.at_bound,
-                "detectable": _number(each.detectable),
-            }
-            for each in effect.parameters
-        },
-    }
-
-
-def _closing(closing: Closing) -> dict[str, Any]:
-    return {
-        "nominal": _number(closing.nominal),
-        "corrected": _number(closing.corrected),
-        "closed": _number(closing.closed),
-        "interval": _interval(closing.interval),
+        "parameters": parameters,
     }

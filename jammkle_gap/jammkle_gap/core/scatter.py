@@ -49,8 +49,6 @@ class Scatter:
     """D, shape (n,)."""
     columns: NDArray[np.float64]
     """U, shape (n, columns)."""
-    freedom: int
-    """Degrees of freedom of the repeats that it was fitted to."""
     amplitudes: NDArray[np.float64]
     """Standard deviation of each nuisance in units of its prior's, shape (nuisances,)."""
 
@@ -87,7 +85,7 @@ def fit_scatter(settings: Sequence[Repeats], constants: Constants) -> list[Scatt
     for each, variance in zip(settings, variances, strict=True):
         blocks = _blocks(each, variance, amplitude2, constants)
         scaled = each.columns * np.sqrt(amplitude2)
-        found.append(Scatter(variance, np.hstack([scaled, blocks]), each.freedom, np.sqrt(amplitude2)))
+        found.append(Scatter(variance, np.hstack([scaled, blocks]), np.sqrt(amplitude2)))
     return found
 
 
@@ -335,7 +333,7 @@ class SettingScatter:
     """Whitened, of single runs from the mean of their group, shape (runs, features)."""
     scatter: Scatter
     columns: NDArray[np.float64]
-    """Of the covariance of the difference, shape (features, columns)."""
+    """Of the covariance of one run, those of `scatter` first, shape (features, columns)."""
     shared: NDArray[np.float64]
     """Constants of the machine as columns, the same in all settings, shape (features, constants)."""
 
@@ -378,17 +376,14 @@ class Difference:
             Shape (..., features of all settings).
 
         """
-        return self.marginal(self.by_scatter(parts))
+        values = self.by_scatter(parts)
+        return values if self._over_constants is None else self._over_constants(values)
 
     def by_scatter(self, parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return features whitened by scatter alone, the constants being as given; shapes as in `whiten`."""
         scaled = [part / np.sqrt(own.factor) for part, own in zip(parts, self.settings, strict=True)]
         each = [whitener(part) for whitener, part in zip(self.whiteners, scaled, strict=True)]
         return np.concatenate(each, axis=-1)
-
-    def marginal(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return features that are whitened by scatter, shape (..., n), with the priors of the constants as well."""
-        return values if self._over_constants is None else self._over_constants(values)
 
     @cached_property
     def _over_constants(self) -> Whitener | None:
@@ -436,37 +431,30 @@ def difference_of(
     for setting, each, own, more, constant in zip(settings, residuals, scatter, contact, shared, strict=True):
         columns = np.hstack([own.columns, more])
         deviations = Whitener(own.variance, columns)(each.deviations)
-        scaled = columns * np.sqrt(setting.factor)
-        found.append(SettingScatter(setting.factor, setting.freedom, deviations, own, scaled, constant))
-    return with_discrepancy(
-        Difference(np.zeros(0), (), tuple(found)), residuals, [np.zeros(each.size) for each in found]
-    )
+        found.append(SettingScatter(setting.factor, setting.freedom, deviations, own, columns, constant))
+    return whitened_difference(found, [each.difference for each in residuals])
 
 
-def with_discrepancy(
-    difference: Difference,
-    residuals: Sequence[Residuals],
-    own: Sequence[NDArray[np.float64]],
+def whitened_difference(
+    settings: Sequence[SettingScatter],
+    raw: Sequence[NDArray[np.float64]],
+    own: Sequence[NDArray[np.float64]] = (),
     lasting: Sequence[NDArray[np.float64]] = (),
 ) -> Difference:
-    """Return the difference whitened by its scatter together with model discrepancy.
+    """Return a difference whitened by its scatter together with model discrepancy.
 
     Args:
-        difference: With its scatter.
-        residuals: Of each setting.
-        own: Variance of model discrepancy in each feature of one run, per setting.
+        settings: Their scatter.
+        raw: The difference, per setting.
+        own: Variance of model discrepancy in each feature of one run, per setting; empty: none.
         lasting: Columns of model discrepancy that features share, per setting, shape (features, columns); empty: none.
 
     """
-    settings = difference.settings
-    variances = [each.scatter.variance + more for each, more in zip(settings, own, strict=True)]
-    columns = [each.columns / np.sqrt(each.factor) for each in settings]
-    if lasting:
-        pairs = zip(columns, lasting, settings, strict=True)
-        columns = [np.hstack([known, more / np.sqrt(each.factor)]) for known, more, each in pairs]
-    whiteners = tuple(Whitener(variance, each) for variance, each in zip(variances, columns, strict=True))
-    shared = [
-        whitener((each.shared / np.sqrt(each.factor)).T).T for whitener, each in zip(whiteners, settings, strict=True)
-    ]
-    found = replace(difference, whiteners=whiteners, shared=np.concatenate(shared))
-    return replace(found, whitened=found.whiten([each.difference for each in residuals]))
+    whiteners, shared = [], []
+    for k, each in enumerate(settings):
+        variance = each.scatter.variance + own[k] if own else each.scatter.variance
+        columns = np.hstack([each.columns, lasting[k] / np.sqrt(each.factor)]) if lasting else each.columns
+        whiteners.append(Whitener(variance, columns))
+        shared.append(whiteners[k]((each.shared / np.sqrt(each.factor)).T).T)
+    found = Difference(np.zeros(0), tuple(whiteners), tuple(settings), np.concatenate(shared))
+    return replace(found, whitened=found.whiten(raw))

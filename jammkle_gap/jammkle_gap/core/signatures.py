@@ -9,7 +9,6 @@ clocks act on what was measured instead of the simulator: exact however wrong th
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import itertools
 import json
@@ -27,7 +26,7 @@ from jammkle_gap.core.features import Layout, aligned_s, features_of, layout_of,
 from jammkle_gap.core.simulate import InfeasibleError, Made, Task, simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -253,8 +252,6 @@ class Dictionary:
     """Signatures of one setting, in a layout of its own."""
 
     layout: Layout
-    nominal: NDArray[np.float64]
-    """Features of the nominal simulator, shape (n,)."""
     effects: Mapping[str, NDArray[np.float64]]
     """By effect, differences at the points of its grid, shape (points, n); effects of sensors are not in it."""
     scatter: NDArray[np.float64]
@@ -264,40 +261,40 @@ class Dictionary:
     constants: NDArray[np.float64]
     """Differences for one standard deviation of each constant of the machine, shape (constants, n)."""
 
-    def laid(
-        self, layout: Layout, differences: NDArray[np.float64], problem: Problem, run: Recording
-    ) -> NDArray[np.float64]:
-        """Return differences of the dictionary in the layout of the runs at hand, events put where theirs are.
+    def laid(self, layout: Layout, problem: Problem, run: Recording) -> Dictionary:
+        """Return the dictionary in the layout of the runs at hand, events put where theirs are.
+
+        Signals that it does not have are 0.
 
         Args:
             layout: Of the runs.
-            differences: Shape (..., n of the dictionary).
             problem: Tells which signals follow which event.
             run: One of the runs.
 
-        Returns:
-            Shape (..., layout.size). Signals that the dictionary does not have are 0.
-
         """
-        own = self.layout
-        table = own.by_signal(differences)
-        laid = np.zeros((*differences.shape[:-1], layout.size))
-        out = layout.by_signal(laid)
-        for i, name in enumerate(layout.signals):
-            if name not in own.signals:
-                continue
-            asked = problem.alignment.events_of(run, name) if problem.alignment is not None else ()
-            own_s = aligned_s(layout.time_s, asked, layout.event_s, own.event_s)
-            at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
-            low = np.floor(at).astype(int)
-            high = np.minimum(low + 1, own.bins - 1)
-            row = table[..., own.signals.index(name), :]
-            out[..., i, :] = row[..., low] * (1.0 - (at - low)) + row[..., high] * (at - low)
-        for i, name in enumerate(layout.event_s):
-            if name in own.event_s:
-                at_own = len(own.signals) * own.bins + list(own.event_s).index(name)
-                laid[..., len(layout.signals) * layout.bins + i] = differences[..., at_own]
-        return laid
+
+        def relaid(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+            own, table = self.layout, self.layout.by_signal(differences)
+            laid = np.zeros((*differences.shape[:-1], layout.size))
+            out = layout.by_signal(laid)
+            for i, name in enumerate(layout.signals):
+                if name not in own.signals:
+                    continue
+                asked = problem.alignment.events_of(run, name) if problem.alignment is not None else ()
+                own_s = aligned_s(layout.time_s, asked, layout.event_s, own.event_s)
+                at = np.clip(own_s / own.bin_s - 0.5, 0.0, own.bins - 1.0)
+                low = np.floor(at).astype(int)
+                high = np.minimum(low + 1, own.bins - 1)
+                row = table[..., own.signals.index(name), :]
+                out[..., i, :] = row[..., low] * (1.0 - (at - low)) + row[..., high] * (at - low)
+            for i, name in enumerate(layout.event_s):
+                if name in own.event_s:
+                    at_own = len(own.signals) * own.bins + list(own.event_s).index(name)
+                    laid[..., len(layout.signals) * layout.bins + i] = differences[..., at_own]
+            return laid
+
+        effects = {name: relaid(table) for name, table in self.effects.items()}
+        return Dictionary(layout, effects, relaid(self.scatter), relaid(self.contact), relaid(self.constants))
 
 
 def grids_of(problem: Problem) -> dict[str, Grid]:
@@ -322,22 +319,22 @@ def dictionary_of(
     # A group that has no name could be anything.
     kept = folder if problem.version and problem.group_of(recording) else None
     name = _digest(recording, layout, problem, constants)
-    known = None if kept is None else _read(kept / f"{name}.npz", layout)
-    if known is None:
-        known = _scattered(recording, layout, problem, runner, constants)
-        if kept is not None:
-            _write(kept / f"{name}.npz", known)
+    stored = _read(kept, name)
+    if stored is None or len(stored["event_s"]) != len(layout.event_s):
+        stored = _scattered(recording, layout, problem, runner, constants)
+        _write(kept, name, stored)
+    events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
+    layout = dataclasses.replace(layout, bins=int(stored["bins"]), event_s=events, floor=stored["floor"])
     asked = [effect for effect in problem.library if not known_features(problem, layout, (effect.name,)).all()]
-    tables = {each.name: None if kept is None else _read_table(_table_file(kept, name, each)) for each in asked}
+    # Whoever adds an effect simulates no other again.
+    files = {each.name: f"{name}/{_hash([each.name, grid_of(each).points.tolist()])}" for each in asked}
+    tables = {each.name: _read(kept, files[each.name]) for each in asked}
     missing = [each for each in asked if tables[each.name] is None]
-    for each, table in zip(missing, _simulated(recording, known.layout, missing, runner), strict=True):
-        tables[each.name] = table
-        if kept is not None:
-            _put(_table_file(kept, name, each), functools.partial(np.save, arr=table.astype(np.float32)))
-    found = {
-        name: table.astype(float) for name, table in tables.items() if table is not None and np.abs(table).max() > 0.0
-    }
-    return dataclasses.replace(known, effects=found)
+    for each, table in zip(missing, _simulated(recording, layout, missing, runner), strict=True):
+        tables[each.name] = {"table": table}
+        _write(kept, files[each.name], {"table": table.astype(np.float32)})
+    effects = {name: read["table"].astype(float) for name, read in tables.items() if read and read["table"].any()}
+    return Dictionary(layout, effects, stored["scatter"], stored["contact"], stored["constants"])
 
 
 def cache_folder() -> Path:
@@ -347,8 +344,8 @@ def cache_folder() -> Path:
 
 def _scattered(
     recording: Recording, layout: Layout, problem: Problem, runner: Runner, constants: Constants
-) -> Dictionary:
-    """Return a dictionary without effects: the nominal run, nuisances, constants of the machine, and scattered runs."""
+) -> dict[str, NDArray[np.float64]]:
+    """Return what a dictionary holds beside effects, from runs: nuisances, constants of the machine, and a contact."""
     tasks = [Task(recording, layout, {})]
     singles = (*problem.scatter, *problem.constants)
     steps = [each.step_from(each.null) for each in singles]
@@ -364,12 +361,17 @@ def _scattered(
         tasks.append(Task(recording, layout, values))
     features = np.array(runner.features(tasks, "signatures"))
     # A signal that the simulator does not give is NaN throughout, and not compared.
-    nominal = features[0]
-    differences = np.nan_to_num(features[1:] - nominal)
+    differences = np.nan_to_num(features[1:] - features[0])
     differences[: len(steps)] /= np.array(steps)[:, np.newaxis]
     scatter, machine, drawn = np.split(differences, [len(problem.scatter), len(singles)])
-    contact = _contact(drawn, draws, scatter, layout, constants)
-    return Dictionary(layout, nominal, {}, scatter, contact, machine)
+    return {
+        "bins": np.array(layout.bins),
+        "floor": layout.floor,
+        "event_s": np.array(list(layout.event_s.values())),
+        "scatter": scatter,
+        "contact": _contact(drawn, draws, scatter, layout, constants),
+        "constants": machine,
+    }
 
 
 def _simulated(
@@ -453,55 +455,33 @@ def _digest(recording: Recording, layout: Layout, problem: Problem, constants: C
     parts = [_FORMAT, problem.version, problem.group_of(recording), layout.signals, layout.bin_s, list(layout.event_s)]
     parts += [[each.name, each.null, each.sigma] for each in (*problem.scatter, *problem.constants)]
     parts += [constants.contact_runs, constants.contact_columns]
+    return _hash(parts)
+
+
+def _hash(parts: list[Any]) -> str:
     return hashlib.blake2b(json.dumps(parts).encode(), digest_size=16).hexdigest()
 
 
-def _read(path: Path, layout: Layout) -> Dictionary | None:
+def _read(folder: Path | None, name: str) -> dict[str, NDArray[np.float64]] | None:
     """Return what stands on disk; None where there is nothing that can be read."""
+    if folder is None:
+        return None
     try:
-        with np.load(path) as stored:
-            events = dict(zip(layout.event_s, stored["event_s"].tolist(), strict=True))
-            bins = int(stored["bins"])
-            own = Layout(layout.signals, layout.units, layout.bin_s, bins, events, stored["floor"])
-            return Dictionary(own, stored["nominal"], {}, stored["scatter"], stored["contact"], stored["constants"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        with np.load(folder / f"{name}.npz") as stored:
+            return dict(stored)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
         return None
 
 
-def _write(path: Path, dictionary: Dictionary) -> None:
-    arrays: dict[str, Any] = {
-        "bins": np.array(dictionary.layout.bins),
-        "floor": dictionary.layout.floor,
-        "event_s": np.array(list(dictionary.layout.event_s.values())),
-        "nominal": dictionary.nominal,
-        "scatter": dictionary.scatter,
-        "contact": dictionary.contact,
-        "constants": dictionary.constants,
-    }
-    _put(path, lambda file: np.savez(file, **arrays))
-
-
-def _put(path: Path, save: Callable[[Any], None]) -> None:
+def _write(folder: Path | None, name: str, arrays: Mapping[str, Any]) -> None:
     """Put a file on disk, whole or not at all; a disk that is full or may not be written to is no error."""
+    if folder is None:
+        return
+    path = folder / f"{name}.npz"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            save(file)
+            np.savez(file, **arrays)
         Path(file.name).replace(path)
     except OSError:
         return
-
-
-def _table_file(folder: Path, name: str, effect: Effect) -> Path:
-    """Return where the signatures of one effect are kept: whoever adds an effect simulates no other again."""
-    points = json.dumps([effect.name, grid_of(effect).points.tolist()])
-    return folder / name / f"{hashlib.blake2b(points.encode(), digest_size=16).hexdigest()}.npy"
-
-
-def _read_table(path: Path) -> NDArray[np.float64] | None:
-    """Return what stands on disk; None where there is nothing that can be read."""
-    try:
-        table: NDArray[np.float64] = np.load(path)
-    except (OSError, ValueError, EOFError):
-        return None
-    return table

@@ -188,14 +188,8 @@ class Runner:
             StoppedError: asked to stop.
 
         """
-        self.runs += len(tasks)
-        self.simulated_s += sum(task.recording.duration_s for task in tasks)
-        if self._jobs == 1 or len(tasks) == 1:
-            found = (run_task(self._problem.simulator, self._problem.alignment, task) for task in tasks)
-            return self._collected(found, len(tasks), what)
-        parallel = Parallel(n_jobs=self._jobs, return_as="generator", pre_dispatch="4*n_jobs")
-        work = (delayed(run_task)(self._problem.simulator, self._problem.alignment, task) for task in tasks)
-        return self._collected(parallel(work), len(tasks), what)
+        self.count([Made(len(tasks), sum(task.recording.duration_s for task in tasks))])
+        return self.map(run_task, [(self._problem.simulator, self._problem.alignment, task) for task in tasks], what)
 
     def map(self, function: Callable[..., T], arguments: Sequence[tuple[object, ...]], what: str = "") -> list[T]:
         """Return a function's answers to several arguments, in order, side by side.
@@ -204,12 +198,11 @@ class Runner:
             StoppedError: asked to stop.
 
         """
-        if self._jobs == 1 or len(arguments) <= 1:
-            return self._collected((function(*each) for each in arguments), len(arguments), what)
-        parallel = Parallel(n_jobs=self._jobs, return_as="generator")
-        return self._collected(parallel(delayed(function)(*each) for each in arguments), len(arguments), what)
-
-    def _collected(self, found: Iterable[T], count: int, what: str) -> list[T]:
+        count = len(arguments)
+        found: Iterable[T] = (function(*each) for each in arguments)
+        if self._jobs != 1 and count > 1:
+            parallel = Parallel(n_jobs=self._jobs, return_as="generator", pre_dispatch="4*n_jobs")
+            found = parallel(delayed(function)(*each) for each in arguments)
         collected: list[T] = []
         # A run may take long: who can, ends it in its middle.
         at_once = getattr(self._stop, "at_once", contextlib.nullcontext)

@@ -16,8 +16,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from jammkle_common.command.results import STYLE
-from jammkle_gap.core.detect import class_names, class_of
-from jammkle_gap.core.posterior import by_class
+from jammkle_gap.core.decide import by_class, class_names, class_of
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
 from jammkle_gap.report.words import (

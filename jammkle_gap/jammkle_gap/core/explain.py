@@ -1,0 +1,491 @@
+"""The search: which effects explain the difference beside the machine's constants and the simulator's own error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jammkle_gap.core.decide import NONE_OF_THEM, detect
+from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
+from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_and_runs, slopes_in
+from jammkle_gap.core.signatures import grids_of
+from jammkle_gap.core.simulate import Made, StoppedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from jammkle_gap.core.constants import Constants
+    from jammkle_gap.core.decide import Detection, Names
+    from jammkle_gap.core.discrepancy import Discrepancy
+    from jammkle_gap.core.fit import GridFeatures, Place
+    from jammkle_gap.core.joint import Machine
+    from jammkle_gap.core.scatter import Difference
+    from jammkle_gap.core.simulate import Runner
+
+    Provisional = Callable[[Sequence[tuple[str, float]]], None]
+    """Reports which effects explain which share of the squared difference before any is fitted, best first."""
+
+_FAR = 0.5
+"""Standard deviations that the constants move alone, from which on effects are looked for there as well."""
+_BEYOND = 2.5
+"""Standard deviations from nominal from which on a constant may stand for an effect. Chosen: one of 70 constants of a
+machine as drawn lies beyond."""
+_WORTH_GOING_ON = 4.0
+"""What another step must take off the squared whitened residual, for the constants alone to be fitted on: two nats."""
+_NESTED = 2
+"""Candidates from whose constants those alone are fitted once more."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Everything that was fitted."""
+
+    nothing: Fit
+    """None of the effects: the constants alone, beside scatter."""
+    noticed: tuple[Fit, ...]
+    """Single effects beside scatter alone: whether there is a gap."""
+    within: Fit
+    """None of the effects, beside model discrepancy."""
+    fits: Mapping[Names, Fit]
+    """Effects and pairs beside model discrepancy: which it is."""
+    likelihoods: Mapping[Names, float]
+    """Logarithms, up to the same constant: of each candidate, and of none of them."""
+    silent: tuple[str, ...]
+    """Effects that move no feature here."""
+    finished: bool
+    """False if it was stopped before all that promised something were fitted."""
+
+
+def explain(
+    machine: Machine,
+    error: Discrepancy,
+    grids: GridFeatures,
+    runner: Runner,
+    constants: Constants,
+    provisional: Provisional | None = None,
+) -> Explained:
+    """Look for the effects that explain the difference beside the constants of the machine.
+
+    Effects are looked for on their grids, beside constants that are linear about the nominal machine and about where
+    they explain most alone. Those that promise most are fitted with the simulator, pairs of them too where there is a
+    gap, and the most likely again with derivatives of their own.
+
+    Args:
+        machine: What is to be explained.
+        error: Of its simulator; holds the difference, whitened by scatter and the priors of the constants.
+        grids: What grid points make of the features.
+        runner: Makes the runs.
+        constants: Of the model.
+        provisional: Reports the first answer.
+
+    Raises:
+        StoppedError: asked to stop before anything was fitted.
+
+    """
+    return _Search(machine, error, grids, runner, constants).explained(provisional)
+
+
+def least_left(
+    machine: Machine, error: Discrepancy, grids: GridFeatures, runner: Runner, constants: Constants
+) -> float:
+    """Return the squared length of what the best of the most promising effects leaves, with the constants held."""
+    search = _Search(machine, error, grids, runner, constants)
+    base = search.base(error.difference, search.blank, search.blank, None)
+    fits = search.fitted([(base, search.blank, each) for each in base.singles[: constants.tried_on_machines]], "")
+    return min((fit.left for fit in fits), default=base.length)
+
+
+@dataclass(frozen=True)
+class _Base:
+    """Effects on their grids, beside constants that are taken as linear about one place."""
+
+    length: float
+    """Square of the difference, whitened about this base."""
+    profiles: Profiles
+    singles: Sequence[Place]
+    """Effects, the most promising first."""
+    fit: Fit
+    """The constants that a candidate begins with."""
+    weighs: Fit
+    """Constants whose discrepancy weighs the features first."""
+    slopes: Sequence[NDArray[np.float64]] | None
+    """Derivatives by the constants; None: those at the nominal machine."""
+
+
+_Start = tuple[_Base, Fit, "Place"]
+"""A candidate to be fitted: what it was found beside, the constants that it begins with, and where on the meshes."""
+
+
+class _Search:
+    """One search: what is explained, and with what."""
+
+    def __init__(
+        self, machine: Machine, error: Discrepancy, grids: GridFeatures, runner: Runner, constants: Constants
+    ) -> None:
+        self._machine, self._error, self._grids, self._runner = machine, error, grids, runner
+        self._settings = range(len(machine.settings))
+        derivatives, recorded_s = (
+            len(machine.problem.constants),
+            sum(each.faulty[0].duration_s for each in machine.settings),
+        )
+        self._affordable = derivatives * len(machine.settings) <= constants.affordable_derivatives
+        """Whether derivatives by all constants may be taken as often as they help."""
+        self._dear = derivatives * recorded_s > constants.derivatives_s
+        """Whether they take too long for every candidate to have its own."""
+        if not error.without_references:
+            # No error is found that would weigh the features anew.
+            constants = replace(constants, joint_evaluations=constants.fit_evaluations, reweighings=1)
+        elif self._dear:
+            few = constants.hurried
+            constants = replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
+        self._constants = constants
+        self.blank = blank_of(error.difference)
+        self.finished = True
+        """False once it was asked to stop."""
+
+    def explained(self, provisional: Provisional | None) -> Explained:
+        """Return everything that was fitted."""
+        machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
+        nothing, slopes = self._constants_alone()
+        bases = self._bases(nothing, slopes)
+        if provisional is not None:
+            length = max(bases[0].length, 1.0)
+            provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles])
+        singles = self._best_of(nothing, self.fitted(self._promising_singles(bases), "fitting"))
+        if machine.problem.constants and error.left_per_feature(nothing) < constants.doubtful:
+            # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
+            work = [
+                (machine, error, replace(blank, scores=each.scores), each, constants, slopes)
+                for each in singles[:_NESTED]
+            ]
+            tried = [nothing, *self._until_stopped(fit_beside_error, work, "fitting")]
+            nothing = min(tried, key=lambda fit: _whitened_by(error.difference, fit).left)
+        noticed = tuple(_whitened_by(error.difference, fit) for fit in singles)
+        alone = _whitened_by(error.difference, nothing)
+        pairs: list[Fit] = []
+        gap = detect_beside_error(machine, error, alone, noticed, constants).gap
+        if self.finished and singles and gap:
+            if error.left_per_feature(singles[0]) > constants.doubtful and self._affordable:
+                # What it leaves is searched for a second effect, and shall be as little as can be.
+                settled = self._sharpened([singles[0]], (True, False), "fitting")
+                singles = self._best_of(nothing, [*settled, *singles])
+            promising = self._promising_pairs(singles, bases[min(1, len(bases) - 1)])
+            pairs = self._best_of(nothing, self.fitted(promising, "fitting pairs"))
+        fits, likelihoods = self._weighed({fit.names: fit for fit in (nothing, *singles, *pairs)}, gap=gap)
+        moving = {place.names[0] for place in bases[0].singles}
+        silent = tuple(effect.name for effect in machine.problem.library if effect.name not in moving)
+        return Explained(alone, noticed, fits.pop(NONE_OF_THEM), fits, likelihoods, silent, self.finished)
+
+    def base(
+        self, difference: Difference, fit: Fit, weighs: Fit, slopes: Sequence[NDArray[np.float64]] | None
+    ) -> _Base:
+        """Look effects up on their grids; arguments as the fields of `_Base`."""
+        profiles = Profiles(
+            grids_of(self._machine.problem), grid_signatures(self._grids, difference), difference.whitened
+        )
+        singles = sorted(map(profiles.single, profiles.names), key=lambda place: -place.gain)
+        length = float(difference.whitened @ difference.whitened)
+        return _Base(length, profiles, singles, fit, weighs, slopes)
+
+    def fitted(self, starts: Sequence[_Start], what: str) -> list[Fit]:
+        """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated."""
+        work = []
+        for base, beside, place in starts:
+            keys = [key for key, _ in self._machine.problem.library.parameters(place.names)]
+            values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
+            start = replace(begun(place.names, values), scores=beside.scores)
+            work.append((self._machine, self._error, start, base.weighs, self._constants, base.slopes))
+        return self._until_stopped(fit_beside_error, work, what)
+
+    def _until_stopped(
+        self, function: Callable[..., tuple[Fit, Made]], work: Sequence[tuple[Any, ...]], what: str
+    ) -> list[Fit]:
+        """Return candidates fitted with several arguments, as far as they can be simulated, before a stop."""
+        if not self.finished:
+            return []
+        try:
+            answers = self._runner.map(function, work, what)
+        except StoppedError as stopped:
+            answers, self.finished = list(stopped.done), False
+        self._runner.count(made for _, made in answers)
+        return [fit for fit, _ in answers if fit.features]
+
+    def _sharpened(self, fits: Sequence[Fit], evenly: Sequence[bool], what: str) -> list[Fit]:
+        work = [(self._machine, self._error, fit, self._constants) for fit in fits]
+        return self._until_stopped(partial(sharpen, evenly=evenly), work, what)
+
+    def _best_of(self, nothing: Fit, fits: Sequence[Fit]) -> list[Fit]:
+        """Return the likeliest fit of each candidate, the likeliest first."""
+        own = self._error.scores(nothing, fits, len(self._machine.problem.library.effects))[1:]
+        kept: dict[frozenset[str], Fit] = {}
+        for fit, _ in sorted(zip(fits, own, strict=True), key=lambda each: -each[1]):
+            kept.setdefault(frozenset(fit.names), fit)
+        return list(kept.values())
+
+    def _promising_singles(self, bases: Sequence[_Base]) -> list[_Start]:
+        """Return single effects to be fitted.
+
+        Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error
+        of the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
+        """
+        found = [(base, base.fit, place) for base in bases for place in base.singles[: self._constants.refined]]
+        evenly = self.base(self._error.evenly_with(self.blank), self.blank, self.blank, None)
+        known = {place.names for base, _, place in found if base is bases[0]}
+        others = [place for place in evenly.singles[: self._constants.paired] if place.names not in known]
+        return [*found, *((bases[0], self.blank, place) for place in others)]
+
+    def _promising_pairs(self, singles: Sequence[Fit], about: _Base) -> list[_Start]:
+        """Return pairs to be fitted: from fitted effects on, and by grids alone.
+
+        A second effect shows where the first leaves most, and is looked for by what that leaves of a signal on the
+        whole: block by block, it would count as the error of the simulator.
+        """
+        weighed, constants = self._error.evenly_with(singles[0]), self._constants
+        profiles = self.base(weighed, self.blank, self.blank, None).profiles
+        first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
+        seconds = [(about, fit, place) for fit in first for place in profiles.seconds(fit)]
+        most = constants.refined_pairs // 2
+        names = [place.names[0] for place in about.singles[: constants.paired]]
+        by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
+        return [*sorted(seconds, key=lambda each: -each[2].gain)[:most], *by_grids]
+
+    def _slopes(
+        self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str = ""
+    ) -> list[NDArray[np.float64]]:
+        """Return derivatives of the features where a candidate has come to, a setting at a time."""
+        work = [(k, self._machine, difference, fit, ends_at) for k in self._settings]
+        answers = self._runner.map(slopes_and_runs, work, what)
+        self._runner.count(made for _, made in answers)
+        return [slopes for slopes, _ in answers]
+
+    def _constants_alone(self) -> tuple[Fit, list[NDArray[np.float64]]]:
+        """Return the constants fitted alone, as well as they can be, and their derivatives there.
+
+        What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
+        """
+        machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
+        fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
+        self._runner.count([made])
+        slopes = [each.shared for each in error.difference_with(blank).settings]
+        if not fit.features:
+            return blank, slopes
+        steps = constants.calibration_steps if machine.problem.constants else 0
+        for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
+            for step in range(steps):
+                difference = whitened(fit)
+                if step == 0 and (self._affordable or turn == 0):
+                    slopes = self._slopes(difference, fit, CENTRAL if self._affordable else FORWARD)
+                signatures = machine.signatures()
+                found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+                self._runner.count([signatures.made])
+                before = _whitened_by(difference, fit).left
+                if not found.features or found.left >= before:
+                    break
+                slopes = _updated(slopes, machine, difference, fit, found)
+                fit = found
+                if before - found.left < _WORTH_GOING_ON:
+                    break
+        return fit, slopes
+
+    def _bases(self, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> list[_Base]:
+        """Return where effects are looked for: beside constants about nominal, where they explain most, and between.
+
+        A worn pump is an effect, and constants of its curve as well. Beside constants that have taken an effect up it
+        explains nothing more: it is looked for with those that lie beyond their tolerance held at nominal.
+        """
+        found = [self.base(self._error.difference_with(self.blank), self.blank, self.blank, None)]
+        away = np.abs(nothing.scores)
+        if away.max(initial=0.0) > _FAR:
+            weighed, beyond = self._error.difference_with(nothing), away > _BEYOND
+            there = self._about(weighed, nothing, slopes, np.zeros_like(beyond))
+            found.append(self.base(there, nothing, nothing, slopes))
+            if beyond.any():
+                kept = replace(nothing, scores=np.where(beyond, 0.0, nothing.scores))
+                between = self._about(weighed, nothing, slopes, beyond)
+                found.append(self.base(between, kept, nothing, slopes))
+        return found
+
+    def _about(
+        self, whitens: Difference, nothing: Fit, slopes: Sequence[NDArray[np.float64]], held: NDArray[np.bool_]
+    ) -> Difference:
+        """Return the difference with constants that are linear about where they explain most alone.
+
+        They keep their priors: a place to linearise at is no knowledge (as in an iterated Kalman filter; Bell and
+        Cathey 1993, IEEE Trans. Autom. Control 38:294). Scores that are held stay at 0.
+        """
+        columns = [each @ self._machine.root for each in slopes]
+        moved = [
+            raw - part + (each - own.shared) @ nothing.scores
+            for raw, part, own, each in zip(self._machine.raw, nothing.features, whitens.settings, columns, strict=True)
+        ]
+        columns = [np.where(held, 0.0, each) for each in columns]
+        settings = tuple(replace(own, shared=each) for own, each in zip(whitens.settings, columns, strict=True))
+        found = replace(whitens, settings=settings, shared=whitens.by_scatter([each.T for each in columns]).T)
+        return replace(found, whitened=found.whiten(moved))
+
+    def _weighed(self, fits: Mapping[Names, Fit], *, gap: bool) -> tuple[dict[Names, Fit], dict[Names, float]]:
+        """Return candidates beside the discrepancy that each leaves, and their log-likelihoods.
+
+        The likeliest are fitted again, with derivatives of their own, or where these are dear with those of the best.
+        """
+        constants, what = self._constants, "constants of the machine"
+        known, own = dict(fits), self._scored(fits)
+        rounds = [(False, most) for most in constants.sharpened] if self._machine.problem.constants else []
+        doubtful = self._error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful
+        if not gap:
+            rounds = [(False, 0)]  # no candidate will be named, and none needs derivatives of its own
+        elif doubtful and self._affordable:
+            rounds = [*((evenly, most) for evenly in (True, False) for most in constants.sharpened_in_doubt), *rounds]
+        if self._dear:
+            chosen = sorted(self._likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
+            known.update({fit.names: fit for fit in self._sharpened_together([known[names] for names in chosen], what)})
+            return known, self._scored(known)
+        for evenly, most in rounds:
+            again = self._sharpened([known[names] for names in self._likeliest(own, most)], (evenly,), what)
+            known.update({fit.names: fit for fit in again})
+            own = self._scored(known)
+        return known, own
+
+    def _scored(self, fits: Mapping[Names, Fit]) -> dict[Names, float]:
+        others = [names for names in fits if names != NONE_OF_THEM]
+        count = len(self._machine.problem.library.effects)
+        scores = self._error.scores(fits[NONE_OF_THEM], [fits[names] for names in others], count)
+        return dict(zip((NONE_OF_THEM, *others), scores, strict=True))
+
+    def _likeliest(self, own: Mapping[Names, float], most: int) -> set[Names]:
+        def odds(names: Names) -> float:
+            return own[names] - self._constants.pair_penalty * (len(names) - 1)
+
+        chosen = sorted((names for names in own if names != NONE_OF_THEM), key=odds, reverse=True)[:most]
+        # A pair is compared with its halves, and so these are fitted as well as it is.
+        return {NONE_OF_THEM, *chosen, *((name,) for names in chosen for name in names if (name,) in own)}
+
+    def _sharpened_together(self, fits: Sequence[Fit], what: str) -> list[Fit]:
+        """Return candidates fitted again with derivatives by the constants where the first of them has come to."""
+        if not self.finished:
+            return []
+        about = next((fit for fit in fits if fit.names), fits[0])
+        try:
+            slopes = self._slopes(self._error.difference_with(about), about, FORWARD, what)
+        except StoppedError:
+            self.finished = False
+            return []
+        slopes = [each[:, each.shape[1] - len(self._machine.problem.constants) :] for each in slopes]
+        patient = replace(self._constants, joint_evaluations=self._constants.fit_evaluations)
+        work = [(self._machine, self._error, fit, fit, patient, slopes) for fit in fits]
+        return self._until_stopped(partial(fit_beside_error, evenly=False), work, what)
+
+
+def _updated(
+    slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
+) -> list[NDArray[np.float64]]:
+    """Return derivatives that explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run."""
+    scores = after.scores - before.scores
+    step = machine.root @ scores
+    if not step.any():
+        return list(slopes)
+    found = []
+    for k, own in enumerate(slopes):
+        change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
+        found.append(own + np.outer(change - own @ step, step) / (step @ step))
+    return found
+
+
+def detect_beside_error(
+    machine: Machine, error: Discrepancy, nothing: Fit, singles: Sequence[Fit], constants: Constants
+) -> Detection:
+    """Test for a gap beyond scatter, and without references beyond tolerances and the accuracy of the simulator.
+
+    There no healthy runs show how much they scatter along a signature: data sheets, tolerances and the stated accuracy
+    say it, in as many degrees of freedom as the simulator's discrepancy has. An effect must explain more than an error
+    of that size that lasts for a block; what nothing explains must be larger than it.
+
+    Args:
+        machine: Whose simulator has an accuracy.
+        error: Of the simulator.
+        nothing: The constants alone.
+        singles: Effects, each with the constants.
+        constants: Of the model.
+
+    """
+    if not error.without_references:
+        return detect(error.difference, nothing.left, singles, constants)
+    given = replace(constants, direction_prior_freedom=constants.discrepancy_freedom)
+    by_bin, by_block = error.accurate_to(machine.problem.accuracy)
+    alone, whole = _whitened_by(by_block, nothing).left, (by_bin, _whitened_by(by_bin, nothing).left)
+    return detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
+
+
+def _whitened_by(difference: Difference, fit: Fit) -> Fit:
+    """Return a fit as another whitening sees it."""
+    signature = difference.whiten(fit.features)
+    free = len(fit.values)
+    return replace(
+        fit,
+        signature=signature,
+        left=float(np.square(difference.whitened - signature).sum()),
+        jacobian=difference.whiten([each[:, :free].T for each in fit.slopes]).T if fit.slopes else fit.jacobian,
+        whitened=difference.whitened,
+    )
+
+
+def fit_beside_error(
+    machine: Machine,
+    error: Discrepancy,
+    start: Fit,
+    before: Fit,
+    constants: Constants,
+    slopes: Sequence[NDArray[np.float64]] | None,
+    *,
+    evenly: bool = True,
+) -> tuple[Fit, Made]:
+    """Return a candidate fitted beside the model discrepancy that it leaves, and the runs that it took.
+
+    Iteratively reweighted least squares: as the fit closes the gap, the discrepancy that weighs it shrinks.
+
+    Args:
+        machine: What is to be explained.
+        error: Of the simulator.
+        start: The candidate and where to begin.
+        before: Fit whose discrepancy weighs the features first.
+        constants: Of the model.
+        slopes: Derivatives by the constants; None: those at the nominal machine.
+        evenly: Whether what that leaves is spread evenly over each signal at first.
+
+    """
+    difference = error.evenly_with(before) if evenly else error.difference_with(before)
+    signatures, fit = machine.signatures(), start
+    for _ in range(constants.reweighings):
+        found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+        if not found.features:
+            break
+        fit = found
+        difference = error.difference_with(fit)
+    return fit, signatures.made
+
+
+def sharpen(
+    machine: Machine, error: Discrepancy, fit: Fit, constants: Constants, *, evenly: Sequence[bool]
+) -> tuple[Fit, Made]:
+    """Return a candidate fitted again with derivatives of its own, and the runs that it took.
+
+    Args:
+        machine: What is to be explained.
+        error: Of the simulator.
+        fit: The candidate.
+        constants: Of the model.
+        evenly: For each time that it is fitted, whether what it leaves is spread evenly over each signal.
+
+    """
+    signatures = machine.signatures()
+    for way in evenly:
+        difference = error.evenly_with(fit) if way else error.difference_with(fit)
+        slopes = [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
+        found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+        fit = found if found.features else fit
+    return fit, signatures.made
