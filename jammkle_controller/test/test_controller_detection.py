@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jammkle_controller.core.controller import AnkleController
+from jammkle_controller.core.detector import ContactDetector
 from jammkle_controller.core.events import OFFERS, ContactKind, Detection, Phase, not_felt
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import SoleFilter, learned
@@ -39,6 +40,25 @@ def test_landing_is_one_liftoff_one_impact_one_rest(streams: Any, foot: tuple[fl
     assert 0.0 <= impact.detection_delay_s <= 2 / rate_hz
     assert impact.magnitude >= 3.0
     assert impact.unit == "m/s^2"
+
+
+def test_a_body_that_another_foot_has_caught_is_no_impact_of_a_foot_that_is_in_the_air(streams: Any) -> None:
+    """Where other sensors show whether the foot stands they end its flight, and the landing of the body does not."""
+    force, contact_s = streams.drop(*SOFT)
+    for borne, expected in ((False, [ContactKind.LIFTOFF]), (None, LANDING), (True, LANDING)):
+        detector, kinds = ContactDetector(ControllerParameters(imu_mount=Mount.BODY.value)), []
+        for sample in streams.sense(force):
+            if detector.phase is Phase.FLIGHT and sample.time_ns * 1e-9 > contact_s - 0.01:
+                detector.bear(borne, sample.time_ns)
+            event = detector.update(sample)
+            if event is not None:
+                kinds.append(event.kind)
+        assert kinds[: len(expected)] == expected
+        if borne is False:
+            assert ContactKind.IMPACT not in kinds
+            assert detector.phase is Phase.SWING
+            detector.bear(True, sample.time_ns)  # noqa: FBT003 - it touches, too
+            assert detector.phase is not Phase.SWING
 
 
 def test_springy_landing_without_damper_is_still_caught_early(streams: Any) -> None:

@@ -194,6 +194,10 @@ class ContactDetector:
         flies = self.phase is Phase.FLIGHT and self.foot is None
         force = self.motion.force_m_s2
         impact = self._impact.in_flight(time_ns, force) if flies else self._end_of_swing(time_ns)
+        if flies and impact is not None and self._borne is False:
+            # A body is caught by the first of its feet: when this one stands its own sensors say, some 5 ms later.
+            self.phase = Phase.SWING
+            return None
         if impact is not None:
             self._impact.last_ns = time_ns
             self._land(time_ns)
