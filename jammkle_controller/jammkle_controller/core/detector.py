@@ -194,8 +194,8 @@ class ContactDetector:
         flies = self.phase is Phase.FLIGHT and self.foot is None
         force = self.motion.force_m_s2
         impact = self._impact.in_flight(time_ns, force) if flies else self._end_of_swing(time_ns)
-        if flies and impact is not None and self._borne is False:
-            # A body is caught by the first of its feet: when this one stands its own sensors say, some 5 ms later.
+        if flies and impact is not None and self._borne is False and self._parameters.takes_blows:
+            # A body is caught by the first of its feet: when this one stands its ankle says, some 5 ms later.
             self.phase = Phase.SWING
             return None
         if impact is not None:

@@ -2,7 +2,7 @@
 
 A foot that hangs toe-down is a sensor: the ground turns it. What a foot does that swings is known but for noise: it
 hangs as the tendons let it, lags behind a shank that is turned, and creeps back to where it hung. So boosted trees that
-were learned on simulated steps tell a stance from a swing at every reading, by it and by those of the last tenth of a
+were learned on simulated steps tell a stance from a swing at every reading, by it and by those of the last fifth of a
 second.
 """
 
