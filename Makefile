@@ -52,7 +52,7 @@ slow: extras
 	@$(BIN)/python -m pytest -n auto --maxprocesses 4 -m slow --deselect test/test_several_boards.py
 	@$(BIN)/python -m pytest -m slow test/test_several_boards.py  # boards live by the steady clock
 
-studies: extras .venv/.other-robots
+studies: extras .venv/other_robots
 	@$(BIN)/python -m pytest studies -n auto --maxprocesses 4 -m "slow or not slow"
 
 paper: extras
@@ -85,11 +85,11 @@ robots: extras
 contact: extras
 	@$(BIN)/python -m studies.contact --steps 4000 --runs 20 -o runs/contact $(addprefix --real ,$(wildcard ../shared/data/foot_imu))
 
-benefit: extras .venv/.other-robots
+benefit: extras .venv/other_robots
 	@for what in landings pushes walks; do $(BIN)/python -m studies.contact.benefit $$what --jobs 2 || exit 1; done
 
-.venv/.other-robots: studies/contact/requirements.txt | extras
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r $<
+.venv/other_robots: studies/contact/requirements.txt | extras
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes --upgrade --target $@ -r $<
 	@touch $@
 
 exercises: extras

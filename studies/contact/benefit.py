@@ -19,6 +19,7 @@ import numpy as np
 import typer
 from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.results import console, progress_bar, write_json
 from jammkle_sim.rigs.simulation import UnstableSimulationError
@@ -297,17 +298,22 @@ def main(
     what: Annotated[What, typer.Argument(help="What is measured.")] = What.LANDINGS,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="File of the figures.")] = None,
     runs: Annotated[int, typer.Option(help="Landings, pushes or walks of each robot in each way.")] = 200,
-    seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 7,
+    seed: Annotated[int, typer.Option(help="Everything is drawn from it.")] = 9,
     jobs: Annotated[int, typer.Option(help="Processes.")] = 1,
     robot: Annotated[list[str] | None, typer.Option(help=f"Which of {', '.join(FEET)}; none: all that can.")] = None,
     fixed_kpa: Annotated[float, typer.Option(help="Of walks: the vacuum of the way fixed.")] = 40.0,
 ) -> int:
     """Measure what the ankle is good for, and write the figures."""
+    able = {What.LANDINGS: tuple(FEET), What.PUSHES: PUSHED_ROBOTS, What.WALKS: ("quadruped",)}[what]
+    unable = [each for each in robot or () if each not in able]
+    if unable:
+        msg = f"--robot {unable[0]}: {what.value} are of {', '.join(able)}"
+        raise InputError(msg)
     if what is What.LANDINGS:
         with progress_bar("benefit") as update:
-            rows = benefit(seed, runs, jobs, update, robot or tuple(FEET))
+            rows = benefit(seed, runs, jobs, update, robot or able)
     elif what is What.PUSHES:
-        rows = pushes(seed, runs, jobs, robot or PUSHED_ROBOTS)
+        rows = pushes(seed, runs, jobs, robot or able)
     else:
         rows = walks(seed, runs, jobs, 1e3 * fixed_kpa)
     output = output or Path(f"runs/benefit/{what.value}.json")

