@@ -19,7 +19,7 @@ from jammkle_controller.core.events import Contact, ContactKind
 from jammkle_controller.core.inputs import AnkleAngles
 from jammkle_controller.core.leg_contact import LoadContact
 from jammkle_controller.core.stepping import DWELL_TIME_S
-from jammkle_controller.health import contact_health
+from jammkle_controller.node import contact_health
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_msgs.msg import ChannelJamState, ContactState, JamState
 

@@ -10,7 +10,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import rows
 from jammkle_controller.core.detector import TOUCHDOWN_M_S2
 from jammkle_controller.core.events import ContactEvent, ContactKind
-from jammkle_controller.core.imu import Freshness
+from jammkle_controller.core.imu import Freshness, StreamCounts
 from jammkle_controller.core.landing import Evacuation, Stored
 from jammkle_controller.core.policy import (
     MEANINGS,
@@ -191,23 +191,23 @@ def test_clock_set_back_keeps_the_set_points_and_the_rest_of_the_delay(
 def test_silence_counts_in_the_time_that_the_ankle_lives_in() -> None:
     """The IMU is missed when time goes on without samples; a paused simulation, whose time stands, is no fault."""
     freshness = Freshness(0.2, now_s=5.0)
-    freshness.observe(10, 5.1)
-    freshness.observe(10, 5.1)
+    freshness.observe(StreamCounts(usable=10), 5.1)
+    freshness.observe(StreamCounts(usable=10), 5.1)
     assert not freshness.stale
-    freshness.observe(10, 5.4)
+    freshness.observe(StreamCounts(usable=10), 5.4)
     assert freshness.stale
     assert freshness.silent_s == pytest.approx(0.3)
-    freshness.observe(11, 5.5)
+    freshness.observe(StreamCounts(usable=11), 5.5)
     assert not freshness.stale
 
 
 def test_first_reading_of_a_simulated_clock_is_no_silence() -> None:
     """A clock that jumps from zero to its first value has not run, so nothing is stale yet; later it is."""
     freshness = Freshness(0.2, now_s=0.0)
-    freshness.observe(0, 0.0)
-    freshness.observe(0, 42.0)
+    freshness.observe(StreamCounts(usable=0), 0.0)
+    freshness.observe(StreamCounts(usable=0), 42.0)
     assert not freshness.stale
-    freshness.observe(0, 42.4)
+    freshness.observe(StreamCounts(usable=0), 42.4)
     assert freshness.stale
 
 
