@@ -25,10 +25,8 @@ from jammkle_controller.conversions import (
     DriverView,
     contact_event_message,
     contact_state_message,
-    driver_view,
     jam_command_message,
     landing_message,
-    stored,
 )
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import Contact, Detection, Source, not_felt
@@ -106,7 +104,7 @@ class ControllerNode(LockstepNode):
         shared = f"{values.robot_namespace.rstrip('/')}/" if values.robot_namespace else ""
         self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: shared + names.ODOMETRY.name}
         self._leg_trouble = ""
-        self._driver = DriverView()
+        self._driver = DriverView(JamState())
         self._driver_reported = False
         self._held_s = self._contact_reported_s = self.now_s()
         self._contact_reported: tuple[ContactReport, bool] | None = None
@@ -269,8 +267,8 @@ class ControllerNode(LockstepNode):
         self._diagnostics.farewell()
 
     def _on_driver(self, message: JamState) -> None:
-        self._driver = driver_view(message)
-        self._controller.on_driver(stored(message))
+        self._driver = DriverView(message)
+        self._controller.on_driver(self._driver.stored)
         if not self._driver_reported:
             self._driver_reported = True
             if self._driver.by_stream:
