@@ -34,7 +34,7 @@ from jammkle_controller.core.imu import Freshness, ImuTrouble
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg import leg_of
 from jammkle_controller.core.policy import PolicyState
-from jammkle_controller.core.reading import imu_sample_of, load_n_of, received_in
+from jammkle_controller.core.reading import Received, imu_sample_of, load_n_of, received_in
 from jammkle_controller.parameters import ControllerParameters, PolicyMode
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing
 
@@ -164,7 +164,8 @@ class ControllerNode(LockstepNode):
         if measured is None:
             self._on_input(names.LOAD_CELL, deserialize_message(serialized, WrenchStamped))
             return
-        self._take(self._controller.on_load(load_n_of(measured), measured.time_ns), measured.frame_id)
+        load = Received(measured.time_ns, Input.LOAD, load_n_of(measured))
+        self._take(self._controller.take(load), measured.frame_id)
 
     def _on_input(self, topic: names.Topic, message: Any) -> None:
         if topic is names.ODOMETRY:

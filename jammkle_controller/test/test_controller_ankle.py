@@ -41,7 +41,9 @@ def felt(parameters: ControllerParameters, until_s: float) -> tuple[AnkleControl
         if step % round(READ_S / IMU_S) == 0:
             at_s = step * IMU_S
             rate_rad_s = (pitch_rad(at_s) - pitch_rad(at_s - READ_S)) / READ_S
-            events += controller.on_ankle(AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0, 0.0), time_ns).events
+            events += controller.take(
+                Received(time_ns, AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0, 0.0))
+            ).events
         events += controller.update(still(step, time_ns, STANDARD_GRAVITY_M_S2)).events
     return controller, events
 
@@ -91,7 +93,7 @@ def test_free_fall_says_more_than_an_angle() -> None:
     for step in range(1, 51):
         time_ns = begun_ns + round(step * IMU_S * NANOSECONDS_PER_SECOND)
         if step % round(READ_S / IMU_S) == 0:
-            kinds += controller.on_ankle(AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0, 0.0), time_ns).events
+            kinds += controller.take(Received(time_ns, AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0, 0.0))).events
         force_m_s2 = max(0.3, STANDARD_GRAVITY_M_S2 * (1.0 - 0.15 * step))  # let go within 15 ms
         kinds += controller.update(still(step, time_ns, force_m_s2)).events
     assert [event.kind for event in kinds] == [ContactKind.LIFTOFF]
@@ -104,7 +106,7 @@ def test_what_is_no_number_is_left_out() -> None:
     for step in range(100):
         time_ns = round(step * READ_S * NANOSECONDS_PER_SECOND)
         broken = AnkleReading(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
-        assert not controller.on_ankle(broken, time_ns).events
+        assert not controller.take(Received(time_ns, broken)).events
     assert controller.contact.contact is Contact.UNKNOWN
 
 

@@ -16,6 +16,7 @@ from jammkle_controller.core.imu import ImuTrouble
 from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
 from jammkle_controller.core.landing import Evacuation, Stored
 from jammkle_controller.core.policy import PolicyState
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
@@ -240,13 +241,13 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
         assert sample is not None
         return sample.time_ns
 
-    controller.on_switch(closed=True, time_ns=go_on(100))
+    controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 1.0))
     assert controller.set_points_pa == HELD
-    reaction = controller.on_switch(closed=False, time_ns=go_on(100))
+    reaction = controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 0.0))
     assert [(event.kind, event.source) for event in reaction.events] == [(ContactKind.LIFTOFF, Source.CONTACT_SWITCH)]
     assert controller.set_points_pa == SOFT
     assert Input.CONTACT_SWITCH in controller.inputs.received(go_on(1))
-    reaction = controller.on_switch(closed=True, time_ns=go_on(100))
+    reaction = controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 1.0))
     assert [event.kind for event in reaction.events] == [ContactKind.IMPACT]
     go_on(20)
     assert controller.set_points_pa == HELD
@@ -266,8 +267,8 @@ def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: 
         phase = (since_s / stride_s) % 1.0
         before = controller.set_points_pa
         if planned_share is not None:
-            controller.on_plan(contact=phase < planned_share, time_ns=sample.time_ns)
-        controller.on_phase(phase, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.PLANNED_CONTACT, phase < planned_share))
+        controller.take(Received(sample.time_ns, Input.GAIT_PHASE, phase))
         controller.update(sample)
         if controller.set_points_pa == HELD and before == SOFT:
             asked_s.append(since_s % stride_s)
@@ -287,8 +288,8 @@ def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) ->
         phase = (since_s / stride_s) % 1.0
         before = controller.set_points_pa
         if since_s < reported_s:
-            controller.on_plan(contact=phase < 0.7, time_ns=sample.time_ns)
-        controller.on_phase(phase, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.PLANNED_CONTACT, phase < 0.7))
+        controller.take(Received(sample.time_ns, Input.GAIT_PHASE, phase))
         controller.update(sample)
         if controller.set_points_pa == SOFT and before == HELD:
             vented_s.append(since_s)
@@ -310,7 +311,7 @@ def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None
         since_s = 0.002 * number
         load_n = 40.0 if since_s < 0.5 else 12.0 if since_s < 0.8 else 2.0 if since_s < 1.2 else 40.0
         if number % 5 == 0:
-            controller.on_load(load_n, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.LOAD, load_n))
         controller.update(sample)
         set_points_pa[number * 2] = controller.set_points_pa
     assert set_points_pa[798] == HELD

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import ContactDetector
@@ -19,13 +19,13 @@ from jammkle_controller.core.events import (
 )
 from jammkle_controller.core.imu import Admission, ImuSample, ImuTrouble
 from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rhythm
-from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.leg_contact import LegReading
 from jammkle_controller.core.motion import PUT_DOWN_S
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from jammkle_controller.core.landing import Landing, Stored
     from jammkle_controller.core.leg import Leg
@@ -89,18 +89,6 @@ class AnkleController:
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
         self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
-        self._takes: Mapping[Input | type, Callable[[Any, int], Reaction]] = {
-            ImuSample: lambda sample, _: self.update(sample),
-            Input.CONTACT_SWITCH: lambda value, time_ns: self.on_switch(closed=bool(value), time_ns=time_ns),
-            Input.PLANNED_CONTACT: lambda value, time_ns: self.on_plan(contact=bool(value), time_ns=time_ns),
-            Input.GAIT_PHASE: self.on_phase,
-            Input.LOAD: self.on_load,
-            AnkleAngles: self.on_angles,
-            AnkleReading: self.on_ankle,
-            LegReading: self.on_leg,
-            LegPose: self.on_pose,
-            BodyTwist: self.on_odometry,
-        }
         if leg is not None:
             self.know(leg)
 
@@ -186,56 +174,29 @@ class AnkleController:
         return self._reaction(reported, before_pa, sample.time_ns)
 
     def take(self, received: Received) -> Reaction:
-        """Take whatever is received."""
+        """Take whatever is received, by the time at which it came: an odometry's own stamp is earlier."""
         time_ns, what, value = received
+        inputs, available = self.inputs, self._detector.available
+        if isinstance(what, ImuSample):
+            return self.update(what)
+        if isinstance(what, LegPose):
+            return self._slip(inputs.on_pose(what, time_ns, stands=self._stands(time_ns)), time_ns)
+        if isinstance(what, BodyTwist):
+            return self._slip(inputs.on_odometry(what, time_ns), time_ns)
+        event = None
         if isinstance(what, Input):
-            return self._takes[what](value, time_ns)
-        return self._takes[type(what)](what, time_ns)
-
-    def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
-        """Take a foot contact switch."""
-        return self._take_event(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
-
-    def on_plan(self, *, contact: bool, time_ns: int) -> Reaction:
-        """Take whether the gait plans contact now."""
-        return self._take_event(self.inputs.on_plan(contact=contact, time_ns=time_ns), time_ns)
-
-    def on_load(self, load_n: float, time_ns: int) -> Reaction:
-        """Take the load on the foot, N, positive."""
-        return self._take_event(self.inputs.on_load(load_n, time_ns), time_ns)
-
-    def on_phase(self, phase: float, time_ns: int) -> Reaction:
-        """Take the gait's phase, 0 at touch-down to 1 at the next."""
-        return self._take_event(self.inputs.on_phase(phase, time_ns), time_ns)
-
-    def on_angles(self, angles: AnkleAngles, time_ns: int) -> Reaction:
-        """Take roll and pitch of the ankle: they change nothing by themselves."""
-        self.inputs.on_angles(angles, time_ns)
-        return _NOTHING
-
-    def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
-        """Take angles, rates and efforts of hip and knee."""
-        falls = self._detector.available and self._detector.motion.load < FALLING
-        return self._take_event(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
-
-    def on_ankle(self, reading: AnkleReading, time_ns: int) -> Reaction:
-        """Take angles and rates of the ankle.
-
-        In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
-        """
-        event = self.inputs.on_ankle(reading, time_ns)
-        if self._detector.phase is Phase.FLIGHT and self._detector.available:
-            self.inputs.fly()
-            return _NOTHING
+            event = inputs.on_input(what, value, time_ns)
+        elif isinstance(what, AnkleAngles):
+            inputs.on_angles(what, time_ns)
+        elif isinstance(what, LegReading):
+            event = inputs.on_leg(what, time_ns, falls=available and self._detector.motion.load < FALLING)
+        else:
+            event = inputs.on_ankle(what, time_ns)
+            if self._detector.phase is Phase.FLIGHT and available:
+                # In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
+                inputs.fly()
+                event = None
         return self._take_event(event, time_ns)
-
-    def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
-        """Take angles and rates from the body down to the foot."""
-        return self._slip(self.inputs.on_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
-
-    def on_odometry(self, twist: BodyTwist, time_ns: int) -> Reaction:
-        """Take how the body moves, as reported at a time; its own stamp is earlier by what the estimator takes."""
-        return self._slip(self.inputs.on_odometry(twist, time_ns), time_ns)
 
     def _stands(self, time_ns: int) -> bool | None:
         """Whether the foot stands: by a sensor of contact, or by an IMU that feels its steps; None: not known."""
