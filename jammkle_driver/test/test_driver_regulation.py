@@ -13,10 +13,10 @@ import fault_bench
 from fault_bench import SAMPLE_S, FaultBench
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
+from jammkle_driver.core.ankle import PumpRegulator
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, PressureSample
-from jammkle_driver.core.regulator import PumpRegulator
 from jammkle_driver.core.watch import Instant
 from jammkle_driver.fake import FakeFault, FakePlant, SensorErrors
 from jammkle_driver.parameters import DriverParameters

@@ -24,10 +24,8 @@ from jammkle_driver.core.requests import (
 )
 from jammkle_driver.core.watch import (
     BOARD,
-    LinkGuard,
-    NoiseMeter,
+    LinkWatch,
     OverloadWatch,
-    RestartWatch,
     SensorWatch,
     link_numbers,
 )
@@ -64,8 +62,7 @@ class Driver:
         stop: The emergency stop, with its reason and its publishers.
         streams: Who publishes set points.
         own_pace: Whether the driver itself keeps up.
-        line_noise: What is wrong with the line to the board; None where nothing is.
-        restarted: That the board has started anew a while ago; None where it has not.
+        link_watch: What is wrong with the line and the board behind it; its noise and starts are reported alone.
     """
 
     def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
@@ -77,9 +74,7 @@ class Driver:
         self._sensors = SensorWatch(self._names, parameters.pressure_timeout_s, TICK_PERIOD_S)
         self.stop = EmergencyStop(parameters.emergency_stop_timeout_s)
         self.own_pace = OverloadWatch(TICK_PERIOD_S)
-        self._link_guard = LinkGuard()
-        self._noise = NoiseMeter()
-        self._restarts = RestartWatch()
+        self.link_watch = LinkWatch()
         self._ticked_s: float | None = None
         self.active = False
         self._stopped = False
@@ -87,8 +82,6 @@ class Driver:
         self._link = LinkStatus(LinkState.SEARCHING)
         self._plant_restarts = 0
         self._plant_paused = False
-        self.line_noise: Finding | None = None
-        self.restarted: Finding | None = None
 
     @property
     def command(self) -> ActuatorCommand:
@@ -136,7 +129,7 @@ class Driver:
         """Be as new, inactive; only an emergency stop stays."""
         self.ankle.reset()
         self._sensors.forget()
-        self._link_guard = LinkGuard()
+        self.link_watch.clear()
         self.deactivate()
 
     def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
@@ -269,7 +262,7 @@ class Driver:
         if cleared:
             self.ankle.clear(tuple(self.ankle.channels.values()) if was_stopped else faulty)
         self._stopped = False
-        self._link_guard.clear()
+        self.link_watch.clear()
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
@@ -300,7 +293,7 @@ class Driver:
         if link.paused != self._plant_paused:
             self._plant_paused = link.paused
             self.ankle.judge_from_now_on(now)
-        verdict = self._link_guard.look(link, jammed=self.ankle.jammed)
+        verdict = self.link_watch.look(link, jammed=self.ankle.jammed)
         self._board_waits = verdict.wait
         if verdict.fault is not None or verdict.wait:  # it did something else than it was commanded
             self.ankle.judge_from_now_on(now)
@@ -313,11 +306,6 @@ class Driver:
         if link.state is LinkState.LOST:
             self._forget_pressures()
         return verdict.acknowledge
-
-    def watch_link(self, link: LinkStatus, now: Instant) -> None:
-        """Count wrong check sums and the board's starts, several times a second; reported, and nothing is let go."""
-        self.line_noise = self._noise.look(link, now.steady_s)
-        self.restarted = self._restarts.look(link, now.steady_s)
 
     def follow_another_clock(self) -> None:
         """Forget when regular work was done last: the steady time of the next tick is of another clock."""
@@ -402,7 +390,7 @@ class Driver:
 
     def _trouble_around(self) -> Trouble:
         """Return the worst of a silent manifold, a noisy line, and the own pace."""
-        sensors, noise, pace = self._sensors, self.line_noise, self.own_pace
+        sensors, noise, pace = self._sensors, self.link_watch.noise, self.own_pace
         if sensors.manifold_measured and self.ankle.manifold_vacuum_pa is None:
             remedy = REMEDIES[Reason.SENSOR_DEAD]
             text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {remedy}"
