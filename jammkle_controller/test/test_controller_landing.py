@@ -27,8 +27,8 @@ masses = st.floats(0.5, 20.0)
 def landed(height_m: float, stored: Stored = FULL, shown_kg: float = 0.0, **changed: object) -> JammingPolicy:
     """A policy whose body fell from a height, seen as a controller sees it, at the sample of its impact."""
     policy = JammingPolicy(ControllerParameters(**{"hang_pitch_deg": math.degrees(HANG_RAD), **changed}))
-    policy.store(stored)
-    policy.bear(shown_kg)
+    policy.stored = stored
+    policy.borne_kg = shown_kg
     lasts_ms = round(1e3 * math.sqrt(2.0 * height_m / 9.80665))
     for ms in range(lasts_ms):
         policy.advance(ms * MS_NS)
@@ -156,7 +156,7 @@ def test_a_blow_that_nothing_foresaw_jams_at_once() -> None:
 def test_a_fall_counts_more_than_a_plan() -> None:
     """A gait that plans the foot in the air for another second does not keep a fall from being met."""
     policy = JammingPolicy(ControllerParameters(hang_pitch_deg=math.degrees(HANG_RAD)))
-    policy.store(FULL)
+    policy.stored = FULL
     for ms in range(140):
         policy.foresee(1_000 * MS_NS)
         policy.advance(ms * MS_NS)
@@ -169,7 +169,7 @@ def test_a_fall_counts_more_than_a_plan() -> None:
 def test_a_plan_that_lies_is_a_surprise_and_named(planned_ms: int, said: str) -> None:
     """A foot that hits while its plan has it in the air, or long after it was to touch down, is jammed at once."""
     policy = JammingPolicy(ControllerParameters(hang_pitch_deg=math.degrees(HANG_RAD)))
-    policy.store(FULL)
+    policy.stored = FULL
     soft_ms = 0
     for ms in range(300):
         if ms < planned_ms:

@@ -145,7 +145,7 @@ class AnkleController:
 
     def on_driver(self, stored: Stored) -> None:
         """Take what the driver says of manifold and reservoir."""
-        self._policy.store(stored)
+        self._policy.stored = stored
 
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
@@ -163,14 +163,17 @@ class AnkleController:
         for each in reported:
             self._react(each)
         if self._detector.phase is Phase.FLIGHT:
-            self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
+            self._policy.borne_kg = self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2
             self._policy.fall(self._detector.flight_began_ns)
         if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:
                 self._policy.take_up(Trigger.INHERITED)
         self._take_up_what_stands(sample.time_ns)
-        self._foresee(sample.time_ns)
+        planned_ns = self.inputs.gait.touchdown_ns(sample.time_ns)
+        foreseen_ns = self._rhythm.touchdown_ns if planned_ns is None else planned_ns
+        if foreseen_ns is not None:
+            self._policy.foresee(foreseen_ns)
         return self._reaction(reported, before_pa, sample.time_ns)
 
     def take(self, received: Received) -> Reaction:
@@ -329,12 +332,6 @@ class AnkleController:
             self._rhythm.land(event.time_ns)
             if event.source is not Source.GAIT:
                 self.inputs.gait.feel(event.time_ns)
-
-    def _foresee(self, time_ns: int) -> None:
-        planned_ns = self.inputs.gait.touchdown_ns(time_ns)
-        foreseen_ns = planned_ns if planned_ns is not None else self._rhythm.touchdown_ns
-        if foreseen_ns is not None:
-            self._policy.foresee(foreseen_ns)
 
     def _look_at_imu(self, time_ns: int) -> None:
         """Fall back where nothing shows contact, and come back where something does."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind, Source
-from jammkle_controller.core.motion import ZERO, Vector, combine, cross, dot, towards, turned
+from jammkle_controller.core.motion import ZERO, Vector, at_lever, combine, cross, dot, integrated, towards, turned
 from jammkle_controller.core.stepping import probability_of
 
 if TYPE_CHECKING:
@@ -166,8 +166,7 @@ class SlipDetector:
         onset_ns = self._onset_ns or sample.time_ns
         # The level before the step turns against the body, r' = -w x r: a body that tilts does not slide.
         self._level = turned(self._level, sample, interval_s)
-        excess = (sample.force_x - self._level[0], sample.force_y - self._level[1], sample.force_z - self._level[2])
-        self._integrate(sample, interval_s, excess)
+        self._integrate(sample, interval_s, self._level)
         lasted_s = (sample.time_ns - onset_ns) / NANOSECONDS_PER_SECOND
         sole = self._sole_velocity()
         speed = math.sqrt(dot(sole, sole))
@@ -192,27 +191,19 @@ class SlipDetector:
             return None
         gravity = motion.gravity
         up_squared = dot(gravity, gravity) or 1.0
-        excess = (sample.force_x - gravity[0], sample.force_y - gravity[1], sample.force_z - gravity[2])
-        along = dot(excess, gravity) / up_squared
-        level = combine(1.0, excess, -along, gravity)
+        upright = dot((sample.force_x, sample.force_y, sample.force_z), gravity) / up_squared
         if self._onset_ns is None:
             self._onset_ns = sample.time_ns
-        self._integrate(sample, interval_s, level)
+        self._integrate(sample, interval_s, combine(upright, gravity, 0.0, ZERO))  # what goes along the ground is left
         sole = self._sole_velocity()
         speed = math.sqrt(dot(sole, sole))
         return self._told(sample.time_ns, self._onset_ns, speed, sole, motion, LANDED_SPEED_M_S)
 
-    def _integrate(self, sample: ImuSample, interval_s: float, excess: Vector) -> None:
-        rate = (sample.rate_x, sample.rate_y, sample.rate_z)
-        across = cross(self._velocity, rate)
+    def _integrate(self, sample: ImuSample, interval_s: float, level: Vector) -> None:
+        """Take the next sample into the speed: what its specific force is beyond the level, and how it turns."""
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
-        vx, vy, vz = self._velocity
-        self._velocity = (
-            keep * (vx + interval_s * (across[0] + excess[0])),
-            keep * (vy + interval_s * (across[1] + excess[1])),
-            keep * (vz + interval_s * (across[2] + excess[2])),
-        )
-        self._turn_speed = cross(rate, self.lever_m)
+        self._velocity = combine(keep, integrated(self._velocity, level, sample, interval_s), 0.0, ZERO)
+        self._turn_speed = at_lever(ZERO, self.lever_m, sample)
         if self._begun_turn is None:
             self._begun_turn = self._turn_speed
 
