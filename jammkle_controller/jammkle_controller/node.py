@@ -194,7 +194,7 @@ class ControllerNode(LockstepNode):
         for event in reaction.events:
             felt_in = self._body_frame if event.source is Source.ODOMETRY else frame_id
             self._events.publish(contact_event_message(event, felt_in))
-        landing = self._controller.landing
+        landing = self._controller.policy.landing
         if landing is not None and landing.time_ns != self._landed_ns:
             self._landed_ns = landing.time_ns
             self._landings.publish(landing_message(landing, self._values.landing_travel_m))
@@ -378,11 +378,11 @@ class ControllerNode(LockstepNode):
 
     def _policy_health(self) -> Health:
         """Say what the policy wants, and whether the driver follows."""
-        controller = self._controller
-        values = {"contact": controller.phase.value, "mode": controller.mode.value, "state": controller.state.value}
-        for channel, vacuum_pa in controller.set_points_pa.items():
+        policy, mode = self._controller.policy, self._values.mode
+        values = {"contact": self._controller.detector.phase.value, "mode": mode.value, "state": policy.state.value}
+        for channel, vacuum_pa in policy.set_points_pa.items():
             values[f"wanted vacuum, {channel} (Pa)"] = f"{vacuum_pa:.0f}"
-        landing = controller.landing
+        landing = policy.landing
         if landing is not None:
             values |= {
                 "landing, expected speed (m/s)": f"{landing.speed_m_s:.2f}",
@@ -394,11 +394,11 @@ class ControllerNode(LockstepNode):
         if not self._auto:
             return Health("policy", Level.OK, f"automatic jamming is off; {names.WAY_BACK}", values)
         if trouble:
-            return Health("policy", Level.ERROR, f"automatic: {controller.state.value}, but {trouble}", values)
-        if controller.state is PolicyState.FAULT:
+            return Health("policy", Level.ERROR, f"automatic: {policy.state.value}, but {trouble}", values)
+        if policy.state is PolicyState.FAULT:
             return Health("policy", Level.ERROR, f"fault: nothing shows contact; {SAFE_MODE}", values)
-        what = controller.state.value if controller.mode is PolicyMode.AUTO else controller.mode.value
-        if self._driver.by_hand and controller.vacuum_pa > 0.0:
+        what = (policy.state if mode is PolicyMode.AUTO else mode).value
+        if self._driver.by_hand and self._controller.vacuum_pa > 0.0:
             what += f"; vented by a service: {', '.join(self._driver.by_hand)}, until the policy changes its set points"
             what += f"; {names.WAY_BACK}"
         return Health("policy", Level.OK, f"automatic: {what}", values)

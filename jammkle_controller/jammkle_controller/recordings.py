@@ -284,5 +284,5 @@ def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Le
             troubles.append((received.time_ns, reason))
             reported = reason
         if number % 10 == 0:
-            swing.append((received.time_ns, controller.swing_probability))
+            swing.append((received.time_ns, controller.detector.swing_probability))
     return Replay(events, decisions, troubles, swing, controller.gate.counts)
