@@ -173,7 +173,7 @@ class Ankle:
             self._counted.add(place)
         if not driven:  # who moves the air is not known: a rig, or another driver
             self.judge_from_now_on(now)
-        elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), 0.1)
+        elapsed_s = min(max(stamp_s - self._stamps.get(place, stamp_s), 0.0), _LONGEST_STEP_S)
         self._stamps[place] = stamp_s
         judged = driven and sample.timely and self.parameters.diagnose
         judged = judged and not 0.0 <= self._judged_from_s - stamp_s < _LONGEST_WAIT_S
@@ -349,7 +349,7 @@ _CHANNEL_LEAD = 0.5
 released: one that never follows must not make the others vent."""
 
 _LONGEST_STEP_S = 0.1
-"""Longest time over which one sample counts for the integral, s; more is a gap in the data. Assumed."""
+"""Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
 
 
 class PumpRegulator:

@@ -259,6 +259,11 @@ def _fault(link: LinkStatus) -> Finding | None:
     return None
 
 
+def silence_allowed(timeout_s: float) -> dict[str, str]:
+    """Return what a silent one has not kept to, in numbers for people, with units in the key."""
+    return {"silence allowed (s)": f"{timeout_s:g}"}
+
+
 class SensorWatch:
     """Counts for how long each sensor has given no pressure; a channel without one fails, a manifold does not.
 
@@ -285,11 +290,6 @@ class SensorWatch:
     def manifold_measured(self) -> bool:
         """Whether the manifold's sensor ever gave a pressure."""
         return MANIFOLD in self._silent_s
-
-    @property
-    def values(self) -> dict[str, str]:
-        """What a silent sensor has not kept to, in numbers for people."""
-        return {"silence allowed (s)": f"{self.timeout_s:g}"}
 
     @property
     def unanswered(self) -> bool:
@@ -340,4 +340,4 @@ class SensorWatch:
         whose = "no sensor gives" if self.all_silent else f"{place} sensor gives no"
         remedy = "look at hardware or simulation" if self.all_silent else REMEDIES[reason]
         text = f"{whose} valid pressure for {self.timeout_s:g} s (pressure_timeout_s): {remedy}"
-        return Finding(reason, place, text, self.values).to_clear()
+        return Finding(reason, place, text, silence_allowed(self.timeout_s)).to_clear()
