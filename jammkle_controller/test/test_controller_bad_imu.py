@@ -234,12 +234,9 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
     samples = iter([dead(s) for s in later(streams.sense(streams.rest(2.0), 500), last_ns)])
 
     def go_on(count: int) -> int:
-        sample = None
         for _ in range(count):
-            sample = next(samples)
-            controller.update(sample)
-        assert sample is not None
-        return sample.time_ns
+            controller.update(next(samples))
+        return controller.gate.last_ns or 0
 
     controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 1.0))
     assert controller.set_points_pa == HELD

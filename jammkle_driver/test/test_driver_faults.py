@@ -43,7 +43,6 @@ def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
     assert sum(resting) > 0.6 * len(resting)
     air = bench.plant.air
     reported = bench.driver.ankle.leaks.latest
-    assert reported is not None
     assert reported.connected == set(CHANNELS)
     assert bench.driver.ankle.leaks.alone == {}
     assert reported.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)

@@ -39,7 +39,6 @@ def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> Non
     """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
     guard = LinkWatch()
     fault = guard.look(broken, jammed=True).fault
-    assert fault is not None
     assert "~/clear_fault" in fault.text
     for link in (broken, LOST, LATCHED, LATCHED):
         assert not guard.look(link, jammed=False).acknowledge
@@ -51,11 +50,9 @@ def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
     """The reason is put right once, when it answers again; nothing is acknowledged by that."""
     guard = LinkWatch()
     lost = guard.look(LOST, jammed=True).fault
-    assert lost is not None
     assert lost.reason is Reason.BOARD_UNPLUGGED
     assert guard.look(LOST, jammed=False).fault is None
     verdict = guard.look(REBOOTED, jammed=False)
-    assert verdict.fault is not None
     assert verdict.fault.reason is Reason.BROWN_OUT
     assert not verdict.acknowledge
     assert guard.look(REBOOTED, jammed=False).fault is None
@@ -65,7 +62,6 @@ def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
     """A driver that stood still is to blame itself: what is asked for again may jam again, without a person."""
     verdict = LinkWatch().look(LATCHED, jammed=True)
     assert verdict.fault is None
-    assert verdict.let_go is not None
     assert "watchdog_ms" in verdict.let_go.text
     assert verdict.acknowledge
 
@@ -81,7 +77,6 @@ def test_a_noisy_line_is_reported_with_its_share() -> None:
     assert look(0.0, 100) is None
     assert look(1.0, 600) is None
     noise = look(2.0, 900, 200)
-    assert noise is not None
     assert "20 %" in noise.text
     assert noise.values["wrong check sums (share of telegrams)"] == "0.200"
     assert look(20.0, 9000, 200) is None
@@ -98,7 +93,6 @@ def test_a_board_that_starts_anew_is_reported_though_nothing_was_jammed() -> Non
     assert look(0.0, LinkStatus(LinkState.SEARCHING)) is None
     assert look(1.0, LinkStatus(LinkState.CONNECTED, starts=1)) is None
     reported = look(5.0)
-    assert reported is not None
     assert reported.reason is Reason.BROWN_OUT
     assert "brown-out" in reported.text
     assert look(5.0 + RESTART_REPORTED_S - 1.0) is not None
