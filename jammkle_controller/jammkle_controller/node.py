@@ -134,12 +134,12 @@ class ControllerNode(LockstepNode):
             (Bool, names.FOOT_CONTACT),
             (Bool, names.PLANNED_CONTACT),
             (Float32, names.GAIT_PHASE),
+            (JointState, names.JOINT_STATES),
         ):
             self._receive(kind, topic, topic.name)
         self.create_subscription(
             WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL), raw=True
         )
-        self._receive(JointState, names.JOINT_STATES, names.JOINT_STATES.name)
         if values.use_odometry:
             self._receive(Odometry, names.ODOMETRY, self._inputs[Input.ODOMETRY])
         if values.robot_description:
@@ -250,7 +250,7 @@ class ControllerNode(LockstepNode):
             self._controller.forget_hand()
             self._command(anew=True)
             response.message = (
-                f"automatic jamming is on ({self._controller.state.value}): "
+                f"automatic jamming is on ({self._controller.policy.state.value}): "
                 f"{names.JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
             )
             trouble = self._driver.first_clear

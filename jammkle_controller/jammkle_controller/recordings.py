@@ -276,8 +276,8 @@ def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Le
     for number, received in enumerate(stream):
         reaction = controller.take(received)
         events += reaction.events
-        if reaction.changed or controller.state is not state:
-            state = controller.state
+        if reaction.changed or controller.policy.state is not state:
+            state = controller.policy.state
             decisions.append(Decision(received.time_ns, state.value, dict(controller.set_points_pa)))
         reason = controller.watch.reason
         if reason != reported:

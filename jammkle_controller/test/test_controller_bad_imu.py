@@ -92,7 +92,7 @@ def test_a_broken_imu_does_not_vent_a_robot_that_stands(
     assert [event for event in events if event.kind is ContactKind.LIFTOFF] == []
     assert all(math.isfinite(event.magnitude) for event in events)
     assert controller.watch.trouble is trouble
-    assert controller.state is PolicyState.FAULT
+    assert controller.policy.state is PolicyState.FAULT
     assert controller.set_points_pa == HELD
     streams.events_of(later(streams.sense(streams.rest(6.0), 500), broken[-1].time_ns), controller)
     assert controller.watch.trouble is None
@@ -117,11 +117,11 @@ def test_an_imu_that_loses_gravity_in_a_stance_is_refused_at_once(
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
     assert streams.events_of(broken[2:], controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, HELD)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.FAULT, HELD)
     whole = later(streams.sense(streams.rest(0.6), rate_hz), broken[-1].time_ns)
     streams.events_of(whole, controller)
     assert controller.watch.trouble is None
-    assert (controller.state, controller.set_points_pa) == (PolicyState.STANCE, HELD)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.STANCE, HELD)
 
 
 @pytest.mark.parametrize("rate_hz", [100, 250, 1000])
@@ -161,7 +161,7 @@ def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) ->
     samples = [scaled(force=1.0 / 9.80665)(sample) for sample in streams.sense(streams.drop(*KICK)[0], rate_hz)]
     assert streams.events_of(samples, controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, SOFT)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.FAULT, SOFT)
 
 
 @pytest.mark.parametrize("stood_s", [0.03, 0.09])

@@ -180,7 +180,7 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
         force = (chance.normal(0.0, 0.02), chance.normal(0.0, 0.02), GRAVITY_M_S2 + blow + chance.normal(0.0, 0.02))
         reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
         if index == 1300:
-            assert controller.state is PolicyState.SWING
+            assert controller.policy.state is PolicyState.SWING
     kinds = [(each.kind, each.source, each.time_ns) for each in reported if each.kind is not ContactKind.SETTLED]
     lifted, landed = (event for event in kinds if event[0] is not ContactKind.SWING)
     assert lifted[:2] == (ContactKind.LIFTOFF, Source.EFFORTS)
@@ -188,7 +188,7 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
     assert 2_000_000_000 <= lifted[2] <= 2_030_000_000
     assert 2_800_000_000 <= landed[2] <= 2_830_000_000
     assert Input.EFFORTS in controller.inputs.received(time_ns)
-    assert controller.state is PolicyState.STANCE
+    assert controller.policy.state is PolicyState.STANCE
 
 
 def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
@@ -203,7 +203,7 @@ def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
         reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
     assert [each.kind for each in reported] == [ContactKind.LIFTOFF]
-    assert controller.state is PolicyState.SWING
+    assert controller.policy.state is PolicyState.SWING
 
 
 def test_efforts_are_not_received_unless_asked_for() -> None:

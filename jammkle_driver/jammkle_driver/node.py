@@ -461,7 +461,7 @@ def _pump_line(ankle: Ankle, estimate: Estimate) -> Health:
         "mean duty (1)": f"{load.mean_duty:.2f}",
         "flow (share of declared)": f"{estimate.pump_share:.2f} +- {estimate.pump_deviation:.2f}",
         "ultimate vacuum (share of declared)": f"{estimate.pump_end_share:.2f}",
-        "resting": "yes" if ankle.resting else "no",
+        "resting": "yes" if ankle.regulator.resting else "no",
         "stored vacuum wanted (Pa)": f"{ankle.parameters.reservoir_vacuum_pa:.0f}",
     }
     return _line("pump", "spared: its mean duty is at pump_rated_duty; look for a leak" if load.limited else "", values)

@@ -67,6 +67,7 @@ class AnkleController:
     contact that says otherwise overrules the IMU; a plan says which blows on the body are this foot's.
 
     Attributes:
+        contact: What was known of contact at the latest sample or input.
         inputs: What is received beside the IMU.
         detector: What the IMU shows; its gate and its watch say how the samples are.
         policy: What is wanted, and what was chosen for the latest landing.
@@ -94,7 +95,7 @@ class AnkleController:
         self._believed_before = False
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
-        self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
+        self.contact = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
         if leg is not None:
             self.know(leg)
 
@@ -102,11 +103,6 @@ class AnkleController:
         """Take what the leg is."""
         self.inputs.know(leg)
         self.detector.set_lever(leg.lever_m)
-
-    @property
-    def contact(self) -> ContactReport:
-        """What was known of contact at the latest sample or input."""
-        return self._report
 
     def set_contact(self, *, stands: bool) -> str:
         """Take from a person that the foot stands, or that it does not, until something else is felt.
@@ -158,7 +154,7 @@ class AnkleController:
         gate, before_pa = self.detector.gate, self.policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
         self.detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
-        event = self.detector.update(sample, stands=self._report.contact is Contact.CONTACT)
+        event = self.detector.update(sample, stands=self.contact.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
             self._forget_contact()
@@ -246,7 +242,7 @@ class AnkleController:
     def _take_up_what_stands(self, time_ns: int) -> None:
         """Hold a stance whose beginning was not felt, and what rests unless something shows that it hangs."""
         self._note_contact(time_ns)
-        report = self._report
+        report = self.contact
         if self.policy.state is not PolicyState.SWING or not report.bears:
             return
         shown = report.contact is Contact.CONTACT
@@ -258,9 +254,9 @@ class AnkleController:
     def _note_contact(self, time_ns: int) -> None:
         at_rest = self.detector.rested_s >= HELD_REST_S
         contact, shown_by = self._known_contact(time_ns, at_rest=at_rest)
-        before = self._report
+        before = self.contact
         since_ns = before.since_ns if before.contact is contact and before.since_ns <= time_ns else time_ns
-        self._report = ContactReport(contact, shown_by, at_rest=at_rest, since_ns=since_ns)
+        self.contact = ContactReport(contact, shown_by, at_rest=at_rest, since_ns=since_ns)
 
     def _known_contact(self, time_ns: int, *, at_rest: bool) -> tuple[Contact, str]:
         """Return whether the foot stands and what shows it, the surest first."""
@@ -359,11 +355,6 @@ class AnkleController:
     def feels(self, detection: Detection) -> bool:
         """Whether the IMU, where it is mounted, is used to detect it."""
         return is_felt(self.mount, detection)
-
-    @property
-    def state(self) -> PolicyState:
-        """What the policy does."""
-        return self.policy.state
 
     @property
     def set_points_pa(self) -> Mapping[str, float]:

@@ -310,7 +310,7 @@ class ContactInputs:
     def fly(self) -> None:
         """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
         if self._ankle_contact is not None:
-            self._ankle_contact.lift()
+            self._ankle_contact.stands = False
             self._in_contact[Input.ANKLE] = False
 
     def on_ankle(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:

@@ -160,10 +160,6 @@ class AnkleContact(_Decision):
         self._trees = learned_stance()
         self._changed_ns: int | None = None
 
-    def lift(self) -> None:
-        """Take that the foot does not stand: the body falls."""
-        self.stands = False
-
     def update(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
         """Take a reading; return a change of contact since it was first known."""
         looked = self._motion.follow(reading, time_ns) if math.isfinite(sum(reading)) else None

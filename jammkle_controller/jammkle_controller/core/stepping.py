@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated
+from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated, scaled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -187,17 +187,9 @@ class TouchdownDetector:
         probability = probability_of(self._ratio.log_odds(motion.blow_features(swung_s)))
         if probability < TOUCHDOWN_PROBABILITY:
             return None
-        onset_ns = time_ns if self._onset_ns is None else self._onset_ns
-        size = motion.sharp_m_s2
-        return ContactEvent(
-            ContactKind.IMPACT,
-            time_ns,
-            size,
-            M_S2,
-            between_s(onset_ns, time_ns),
-            probability,
-            direction=(motion.sharp[0] / size, motion.sharp[1] / size, motion.sharp[2] / size),
-        )
+        delay_s = 0.0 if self._onset_ns is None else between_s(self._onset_ns, time_ns)
+        size, direction = motion.sharp_m_s2, scaled(1.0 / motion.sharp_m_s2, motion.sharp)
+        return ContactEvent(ContactKind.IMPACT, time_ns, size, M_S2, delay_s, probability, direction=direction)
 
 
 LEAK_TIME_S = 0.15
@@ -277,12 +269,10 @@ class SoleFilter:
             self._velocity = ZERO
             self._known_ns = sample.time_ns
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
-        vx, vy, vz = integrated(self._velocity, motion.gravity, sample, interval_s)
-        self._velocity = (keep * vx, keep * vy, keep * vz)
+        self._velocity = scaled(keep, integrated(self._velocity, motion.gravity, sample, interval_s))
         sole = at_lever(self._velocity, self.lever_m, sample)
         self.speed_m_s = speed = math.sqrt(dot(sole, sole))
-        scale = 1.0 / (speed + 1e-9)
-        self.direction = (sole[0] * scale, sole[1] * scale, sole[2] * scale)
+        self.direction = scaled(1.0 / (speed + 1e-9), sole)
         self.upward = dot(self.direction, motion.gravity) / (math.sqrt(dot(motion.gravity, motion.gravity)) or 1.0)
 
     def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:

@@ -37,6 +37,7 @@ class Ankle:
     Attributes:
         parameters: What it goes by.
         may_store: Whether a reservoir may be evacuated while nothing is jammed.
+        regulator: Of the pump.
 
     """
 
@@ -49,7 +50,7 @@ class Ankle:
         self.atmosphere = Atmosphere(self._names, parameters.ambient_pressure_pa)
         self.load = PumpLoad(parameters)
         self._counted: set[str] = set()
-        self._regulator = PumpRegulator(parameters)
+        self.regulator = PumpRegulator(parameters)
         self.may_store = False
         self.reset()
 
@@ -87,11 +88,6 @@ class Ankle:
         return self._held is not None
 
     @property
-    def resting(self) -> bool:
-        """Whether the set point is held without the pump."""
-        return self._regulator.resting
-
-    @property
     def set_points_pa(self) -> dict[str, float]:
         """Vacuum asked for, per channel, Pa; 0 = unjam."""
         return {name: channel.set_point_pa for name, channel in self.channels.items()}
@@ -114,13 +110,13 @@ class Ankle:
 
     def ask(self, channel: str, vacuum_pa: float, reason: str) -> None:
         """Take a set point for one channel; whatever was held before is regulated, or vented, again."""
-        self._end_hold(f"let go with the set point for {channel}")
+        self.release(f"let go with the set point for {channel}")
         self.channels[channel].ask(vacuum_pa, reason)
 
     def vent(self, why: Finding) -> None:
         """Vent all that is asked to jam, whatever the safe state is: it has been let go of already."""
         jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
-        self._end_hold(why.text)
+        self.release(why.text)
         for channel in jammed:
             channel.let_go(why)
 
@@ -148,7 +144,7 @@ class Ankle:
 
     def clear(self, channels: Sequence[Channel]) -> None:
         """Let channels leave their faults, vented."""
-        self._end_hold("cleared")
+        self.release("cleared")
         self.findings = ()
         for channel in channels:
             channel.clear()
@@ -161,10 +157,6 @@ class Ankle:
         self.atmosphere.declare(pressure_pa, self._counted)
         if self._counted:  # their readings jump, and no air has moved
             self.judge_from_now_on(now)
-
-    def release(self) -> None:
-        """End the safe state `hold`: what was kept is vented."""
-        self._end_hold("let go")
 
     def measure(self, sample: PressureSample, now: Instant, *, driven: bool) -> None:
         """Take a reading; nothing is concluded from it if not `driven`."""
@@ -216,12 +208,12 @@ class Ankle:
             self._store(self.manifold_vacuum_pa, elapsed_s)
             return
         if not measured_pa or self._held is not None:
-            self._regulator.reset()
+            self.regulator.reset()
             self._duty = self.load.spare(0.0, elapsed_s)
             return
         set_point_pa = jammed[0].set_point_pa
         connected_pa = [channel.vacuum_pa or 0.0 for channel in jammed if channel.energised]
-        duty = self._regulator.update(
+        duty = self.regulator.update(
             set_point_pa,
             min(measured_pa),
             self.manifold_vacuum_pa,
@@ -230,17 +222,17 @@ class Ankle:
             rise_pa=self._rise_pa(set_point_pa),
         )
         self._duty = self.load.spare(duty, elapsed_s)
-        if self._regulator.full_s > self.parameters.longest_jam_s:
+        if self.regulator.full_s > self.parameters.longest_jam_s:
             self._give_up(min(jammed, key=lambda channel: math.inf if channel.vacuum_pa is None else channel.vacuum_pa))
 
     def _store(self, manifold_vacuum_pa: float, elapsed_s: float) -> None:
         """Evacuate the reservoir: all valves are shut, so that the manifold's sensor reads it."""
         stored_pa = self.parameters.reservoir_vacuum_pa
-        duty = self._regulator.update(stored_pa, manifold_vacuum_pa, manifold_vacuum_pa, elapsed_s)
+        duty = self.regulator.update(stored_pa, manifold_vacuum_pa, manifold_vacuum_pa, elapsed_s)
         self._duty = self.load.spare(duty, elapsed_s)
         timeout_s = self.parameters.longest_jam_s
-        if self._regulator.full_s > timeout_s:
-            self._regulator.reset()
+        if self.regulator.full_s > timeout_s:
+            self.regulator.reset()
             seen = f"at {manifold_vacuum_pa:.0f} of {stored_pa:.0f} Pa with the pump at full duty for {timeout_s:.3g} s"
             values = {"vacuum wanted (Pa)": f"{stored_pa:.0f}", "vacuum at last (Pa)": f"{manifold_vacuum_pa:.0f}"}
             self.fail(self._names, finding(Reason.NOT_REACHED, MANIFOLD, seen, values).to_clear())
@@ -280,12 +272,12 @@ class Ankle:
     def begin_anew(self, now: Instant) -> None:
         """Keep nothing of what was known of the air: it was put back to a start. What is asked for stays."""
         self.judge_from_now_on(now)
-        self._regulator.reset()
+        self.regulator.reset()
         self._stamps.clear()
 
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
-        self._regulator.reset()
+        self.regulator.reset()
         timeout_s = self.parameters.longest_jam_s
         seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
         seen += f"{timeout_s:g} s (jam_timeout_s)"
@@ -327,7 +319,8 @@ class Ankle:
         failed = ", ".join(channel.name for channel in self.faulty)
         self.let_go(others, replace(why, text=f"let go with {failed} (fault_policy is ankle)"))
 
-    def _end_hold(self, reason: str) -> None:
+    def release(self, reason: str = "let go") -> None:
+        """End the safe state `hold`: what was kept is vented."""
         if self._held is None:
             return
         self._held = None
