@@ -106,9 +106,9 @@ def numbers_of(values: Mapping[str, str], *others: str) -> dict[str, float]:
 
 
 @contextlib.contextmanager
-def graph_of_its_own() -> Iterator[Graph]:
+def graph_of_its_own(onlooker: type[Onlooker] = Onlooker) -> Iterator[Graph]:
     with pytest.MonkeyPatch.context() as patch, own_domain() as domain_id:
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        graph = Graph(domain_id, Onlooker)
+        graph = Graph(domain_id, onlooker)
         yield graph
         graph.close()

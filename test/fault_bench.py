@@ -215,7 +215,7 @@ class FaultBench:
             )
         self.driver.tick(now)
         self._look_at_link(now)
-        self.driver.watch_link(self.link, now)
+        self.driver.link_watch.count(self.link, now.steady_s)
 
     def _look_at_link(self, now: Instant) -> None:
         if self.driver.look_at_link(self.link, now):

@@ -1,17 +1,16 @@
 """From the controller's core to ROS messages, and from the driver's: with `core.reading` the one place for that.
 
-Units agree on both sides (SI, and vacuum is gauge and positive in both), so only shapes change here.
+Units agree on both sides (SI, and vacuum is gauge and positive in both), so only shapes change here. Kinds of event and
+values of contact have the same names on both sides.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import CHANNEL_JAMS, CLEAR_FAULT, JAM_COMMAND, UNJAM, UNJAM_ALL, WAY_BACK
-from jammkle_controller.core.events import Contact, ContactEvent, ContactKind
 from jammkle_controller.core.landing import Stored
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
@@ -23,23 +22,9 @@ if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
 
     from jammkle_common.messages import Health
-    from jammkle_controller.core.events import ContactReport
+    from jammkle_controller.core.events import ContactEvent, ContactReport
     from jammkle_controller.core.landing import Landing
     from jammkle_msgs.msg import JamState
-
-_TYPES = {
-    ContactKind.IMPACT: ContactEventMessage.IMPACT,
-    ContactKind.SLIP: ContactEventMessage.SLIP,
-    ContactKind.LIFTOFF: ContactEventMessage.LIFTOFF,
-    ContactKind.SWING: ContactEventMessage.SWING,
-    ContactKind.SETTLED: ContactEventMessage.SETTLED,
-}
-
-_CONTACTS = {
-    Contact.UNKNOWN: ContactState.UNKNOWN,
-    Contact.CONTACT: ContactState.CONTACT,
-    Contact.NO_CONTACT: ContactState.NO_CONTACT,
-}
 
 _VENTED_BY_HAND = (UNJAM.name, UNJAM_ALL.name, *(service.name for service in CHANNEL_JAMS.values()))
 """How the reason of a channel ends that somebody has vented by a service of the driver."""
@@ -50,7 +35,7 @@ def contact_event_message(event: ContactEvent, frame_id: str) -> ContactEventMes
     message = ContactEventMessage()
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(event.time_ns, NANOSECONDS_PER_SECOND)
     message.header.frame_id = frame_id
-    message.type = _TYPES[event.kind]
+    message.type = getattr(ContactEventMessage, event.kind.name)
     message.magnitude = event.magnitude
     message.unit = event.unit
     message.detection_delay_s = event.detection_delay_s
@@ -73,7 +58,8 @@ def jam_command_message(set_points_pa: Mapping[str, float], stamp: Time, *, anew
 
 def contact_state_message(report: ContactReport, health: Health, stamp: Time, *, soft: bool) -> ContactState:
     """Write what is known of contact, and whether the ankle is soft in stance."""
-    message = ContactState(contact=_CONTACTS[report.contact], shown_by=report.shown_by, at_rest=report.at_rest)
+    contact = getattr(ContactState, report.contact.name)
+    message = ContactState(contact=contact, shown_by=report.shown_by, at_rest=report.at_rest)
     message.header.stamp = stamp
     message.soft_in_stance = soft
     message.text = health.message
@@ -94,50 +80,56 @@ def landing_message(landing: Landing, travel_m: float) -> LandingMessage:
     return message
 
 
-@dataclass(frozen=True)
 class DriverView:
     """What the driver reported last.
 
     Attributes:
-        min_vacuum_pa: Least vacuum that it takes, Pa; 0: not known.
-        max_vacuum_pa: Most vacuum that it takes, Pa; 0: not known.
-        refused: Why it refused the last jam_command; empty: it did not.
-        unfollowed: Channels that are not asked to jam, with the reason; by name.
         by_hand: Channels that somebody has vented by a service; they follow the next change of set points.
-        stopped: Whether an emergency stop holds.
         by_stream: Whether jam_command holds, or held until it fell silent.
-        faulty: Channels in FAULT, which follow nothing before `~/clear_fault`.
 
     """
 
-    min_vacuum_pa: float = 0.0
-    max_vacuum_pa: float = 0.0
-    refused: str = ""
-    unfollowed: tuple[tuple[str, str], ...] = ()
-    by_hand: tuple[str, ...] = ()
-    stopped: bool = False
-    by_stream: bool = False
-    faulty: tuple[str, ...] = ()
+    def __init__(self, message: JamState) -> None:
+        """Read it; an empty one is that of a driver that has not said anything yet."""
+        self._message = message
+        vented = [each for each in message.channels if each.commanded_vacuum_pa == 0.0]
+        self.by_hand = tuple(
+            each.channel for each in vented if each.reason.endswith(_VENTED_BY_HAND) and not each.fault
+        )
+        self._unfollowed = [each for each in vented if each.channel not in self.by_hand]
+        self.by_stream = any(
+            each.fault == Fault.COMMANDS_STALE
+            or (each.commanded_vacuum_pa > 0.0 and each.reason.endswith(JAM_COMMAND.name))
+            for each in message.channels
+        )
+
+    @property
+    def stored(self) -> Stored:
+        """What is in manifold and reservoir; what is not measured counts as nothing."""
+        vacuum_pa = self._message.manifold_vacuum_pa
+        return Stored(max(vacuum_pa, 0.0) if math.isfinite(vacuum_pa) else 0.0, self._message.reservoir_volume_m3)
 
     @property
     def soft(self) -> tuple[str, ...]:
         """Channels that are not asked to jam, whoever decided so."""
-        return (*(channel for channel, _ in self.unfollowed), *self.by_hand)
+        return (*(each.channel for each in self._unfollowed), *self.by_hand)
 
     @property
     def first_clear(self) -> str:
         """What must be done before channels can follow at all; empty: nothing."""
-        if not self.stopped and not self.faulty:
+        faulty = [each.channel for each in self._message.channels if each.state == ChannelJamState.FAULT]
+        if not self._message.emergency_stopped and not faulty:
             return ""
-        why = "an emergency stop holds" if self.stopped else f"in fault: {', '.join(self.faulty)}"
+        why = "an emergency stop holds" if self._message.emergency_stopped else f"in fault: {', '.join(faulty)}"
         return f"but {why}: call {CLEAR_FAULT.path} first, then this again"
 
     def objection(self, name: str, vacuum_pa: float) -> str:
         """Return why the driver would not take a set point, Pa; empty if it would, or if its limits are not known."""
-        if self.max_vacuum_pa <= 0.0 or self.min_vacuum_pa <= vacuum_pa <= self.max_vacuum_pa:
+        least_pa, most_pa = self._message.min_vacuum_pa, self._message.max_vacuum_pa
+        if most_pa <= 0.0 or least_pa <= vacuum_pa <= most_pa:
             return ""
         return (
-            f"{name} is {vacuum_pa:g}; the driver takes {self.min_vacuum_pa:g} to {self.max_vacuum_pa:g} Pa "
+            f"{name} is {vacuum_pa:g}; the driver takes {least_pa:g} to {most_pa:g} Pa "
             "(its min_vacuum_pa and max_vacuum_pa)"
         )
 
@@ -145,38 +137,11 @@ class DriverView:
         """Return why a set point of `vacuum_pa` Pa is not followed; empty if it is."""
         if vacuum_pa <= 0.0:
             return ""
-        if self.refused:
-            return f"the driver does not follow: {self.refused}"
-        if self.stopped:
+        if self._message.refused_command:
+            return f"the driver does not follow: {self._message.refused_command}"
+        if self._message.emergency_stopped:
             return f"the driver does not follow: an emergency stop holds; release it, driver/clear_fault, {WAY_BACK}"
-        if self.unfollowed:
-            channel, reason = self.unfollowed[0]
-            return f"the driver does not follow: {channel}: {reason or 'not asked to jam'}; {WAY_BACK}"
+        if self._unfollowed:
+            first = self._unfollowed[0]
+            return f"the driver does not follow: {first.channel}: {first.reason or 'not asked to jam'}; {WAY_BACK}"
         return ""
-
-
-def driver_view(message: JamState) -> DriverView:
-    """Read what the driver says of itself."""
-    by_stream = any(
-        channel.fault == Fault.COMMANDS_STALE
-        or (channel.commanded_vacuum_pa > 0.0 and channel.reason.endswith(JAM_COMMAND.name))
-        for channel in message.channels
-    )
-    vented = [channel for channel in message.channels if channel.commanded_vacuum_pa == 0.0]
-    by_hand = tuple(each.channel for each in vented if each.reason.endswith(_VENTED_BY_HAND) and not each.fault)
-    return DriverView(
-        min_vacuum_pa=message.min_vacuum_pa,
-        max_vacuum_pa=message.max_vacuum_pa,
-        refused=message.refused_command,
-        unfollowed=tuple((each.channel, each.reason) for each in vented if each.channel not in by_hand),
-        by_hand=by_hand,
-        stopped=message.emergency_stopped,
-        by_stream=by_stream,
-        faulty=tuple(each.channel for each in message.channels if each.state == ChannelJamState.FAULT),
-    )
-
-
-def stored(message: JamState) -> Stored:
-    """Read what the driver says of manifold and reservoir; what is not measured counts as nothing."""
-    vacuum_pa = message.manifold_vacuum_pa if math.isfinite(message.manifold_vacuum_pa) else 0.0
-    return Stored(max(vacuum_pa, 0.0), message.reservoir_volume_m3)

@@ -1,7 +1,8 @@
-"""The controller's node: IMU samples in, contact events and jam commands out."""
+"""The controller's node: IMU samples in, contact events and jam commands out, and what it says on /diagnostics."""
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,27 +15,27 @@ from std_msgs.msg import Bool, Float32, String
 from std_srvs.srv import SetBool
 
 from jammkle_common import names, wire
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
+from jammkle_common.messages import Health, Level
 from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_controller.conversions import (
     DriverView,
     contact_event_message,
     contact_state_message,
-    driver_view,
     jam_command_message,
     landing_message,
-    stored,
 )
 from jammkle_controller.core.controller import AnkleController
-from jammkle_controller.core.events import Source
-from jammkle_controller.core.imu import Freshness
+from jammkle_controller.core.events import Contact, Detection, Source, not_felt
+from jammkle_controller.core.imu import Freshness, ImuTrouble
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg import leg_of
-from jammkle_controller.core.reading import imu_sample_of, load_n_of, received_in
-from jammkle_controller.health import StreamTrouble, contact_health, imu_health, input_health, policy_health
-from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.core.policy import PolicyState
+from jammkle_controller.core.reading import Received, imu_sample_of, load_n_of, received_in
+from jammkle_controller.parameters import ControllerParameters, PolicyMode
 from jammkle_msgs.msg import ContactEvent, ContactState, JamCommand, JamState, Landing
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter
 
-    from jammkle_common.messages import Health
     from jammkle_controller.core.controller import Reaction
     from jammkle_controller.core.events import ContactReport
     from jammkle_controller.core.leg import Leg
@@ -68,6 +68,11 @@ CONTACT_PERIOD_S = 1.0
 """How often contact_state is published again, s."""
 FOLLOW_S = 0.5
 """How long the driver may take to follow a new set point before that is reported, s: ten repeats of jam_command."""
+LOOKED_AT_S = 2.0
+"""How long contact may be unknown before that is a warning, s: rest is seen after 1 s."""
+SAY_SO = f"{names.SET_CONTACT.path} says so"
+SAFE_MODE = "the last set points are kept"
+"""What is done where nothing shows contact: what is jammed stays jammed, what is soft stays soft."""
 
 
 class ControllerNode(LockstepNode):
@@ -92,7 +97,6 @@ class ControllerNode(LockstepNode):
         self._auto = values.auto_at_start
         self._controller = AnkleController(values)
         self._freshness = Freshness(values.imu_timeout_s, self.now_s())
-        self._trouble = StreamTrouble()
         self._values = values
         self._leg: Leg | None = None
         self._description = ""
@@ -100,7 +104,7 @@ class ControllerNode(LockstepNode):
         shared = f"{values.robot_namespace.rstrip('/')}/" if values.robot_namespace else ""
         self._inputs = {**INPUT_TOPICS, Input.ODOMETRY: shared + names.ODOMETRY.name}
         self._leg_trouble = ""
-        self._driver = DriverView()
+        self._driver = DriverView(JamState())
         self._driver_reported = False
         self._held_s = self._contact_reported_s = self.now_s()
         self._contact_reported: tuple[ContactReport, bool] | None = None
@@ -130,12 +134,12 @@ class ControllerNode(LockstepNode):
             (Bool, names.FOOT_CONTACT),
             (Bool, names.PLANNED_CONTACT),
             (Float32, names.GAIT_PHASE),
+            (JointState, names.JOINT_STATES),
         ):
             self._receive(kind, topic, topic.name)
         self.create_subscription(
             WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL), raw=True
         )
-        self._receive(JointState, names.JOINT_STATES, names.JOINT_STATES.name)
         if values.use_odometry:
             self._receive(Odometry, names.ODOMETRY, self._inputs[Input.ODOMETRY])
         if values.robot_description:
@@ -160,7 +164,8 @@ class ControllerNode(LockstepNode):
         if measured is None:
             self._on_input(names.LOAD_CELL, deserialize_message(serialized, WrenchStamped))
             return
-        self._take(self._controller.on_load(load_n_of(measured), measured.time_ns), measured.frame_id)
+        load = Received(measured.time_ns, Input.LOAD, load_n_of(measured))
+        self._take(self._controller.take(load), measured.frame_id)
 
     def _on_input(self, topic: names.Topic, message: Any) -> None:
         if topic is names.ODOMETRY:
@@ -189,7 +194,7 @@ class ControllerNode(LockstepNode):
         for event in reaction.events:
             felt_in = self._body_frame if event.source is Source.ODOMETRY else frame_id
             self._events.publish(contact_event_message(event, felt_in))
-        landing = self._controller.landing
+        landing = self._controller.policy.landing
         if landing is not None and landing.time_ns != self._landed_ns:
             self._landed_ns = landing.time_ns
             self._landings.publish(landing_message(landing, self._values.landing_travel_m))
@@ -245,7 +250,7 @@ class ControllerNode(LockstepNode):
             self._controller.forget_hand()
             self._command(anew=True)
             response.message = (
-                f"automatic jamming is on ({self._controller.state.value}): "
+                f"automatic jamming is on ({self._controller.policy.state.value}): "
                 f"{names.JAM_COMMAND.name} now asks for {self._controller.vacuum_pa:.0f} Pa in every channel"
             )
             trouble = self._driver.first_clear
@@ -263,8 +268,8 @@ class ControllerNode(LockstepNode):
         self._diagnostics.farewell()
 
     def _on_driver(self, message: JamState) -> None:
-        self._driver = driver_view(message)
-        self._controller.on_driver(stored(message))
+        self._driver = DriverView(message)
+        self._controller.on_driver(self._driver.stored)
         if not self._driver_reported:
             self._driver_reported = True
             if self._driver.by_stream:
@@ -298,14 +303,126 @@ class ControllerNode(LockstepNode):
             self._command()
 
     def _health(self) -> Sequence[Health]:
-        now_s = self.now_s()
-        counts = self._controller.gate.counts
-        self._freshness.observe(counts.usable, now_s)
-        trouble = self._trouble.recent(counts, now_s)
-        imu = imu_health(self._controller, self._freshness, self.resolve_topic_name(names.IMU.name), trouble=trouble)
-        by_hand = self._driver.by_hand if self._controller.vacuum_pa > 0.0 else ()
-        policy = policy_health(self._controller, auto=self._auto, trouble=self._trouble_with_driver(), by_hand=by_hand)
-        time_ns = max(self.get_clock().now().nanoseconds, self._controller.gate.last_ns or 0)
         contact = contact_health(self._controller, self._driver.soft, is_soft_in_stance=self._is_soft_in_stance())
-        inputs = input_health(self._controller, time_ns, self._inputs, self._leg_trouble)
-        return [imu, inputs, contact, policy, self._liveness.health()]
+        return [self._imu_health(), self._input_health(), contact, self._policy_health(), self._liveness.health()]
+
+    def _imu_health(self) -> Health:
+        """Say whether the IMU's samples come in and are fit for use."""
+        controller, freshness = self._controller, self._freshness
+        watch, counts, mount = controller.watch, controller.gate.counts, controller.mount
+        freshness.observe(counts, self.now_s())
+        values = {
+            "rate (Hz)": f"{controller.gate.rate_hz:.0f}",
+            "mean specific force (m/s^2)": f"{watch.level_m_s2:.2f}",
+            "usable samples": str(counts.usable),
+            "held": str(counts.held),
+            "ignored, not finite": str(counts.not_finite),
+            "ignored, out of range": str(counts.out_of_range),
+            "ignored, repeated stamp": str(counts.repeated),
+            "ignored, late": str(counts.late),
+            "gaps": str(counts.gaps),
+            "clock set back": str(counts.restarts),
+            "clipped (%)": f"{100.0 * watch.clipped_share:.0f}",
+            "silent for (s)": f"{freshness.silent_s:.2f}",
+            "detection": "available" if watch.trouble is None else "unavailable",
+            **{f"not felt on the {mount.value}: {what}": why for what, why in not_felt(mount).items()},
+        }
+        seen = (
+            f"{counts.not_finite} not finite, {counts.out_of_range} out of range, {counts.repeated} repeated, "
+            f"{counts.late} late, {counts.gaps} gaps, {counts.restarts} restarts"
+        )
+        topic = self.resolve_topic_name(names.IMU.name)
+        if freshness.stale:
+            ignored = freshness.irregular and counts.ignored
+            reason = f" ({counts.ignored} samples were ignored: {seen})" if ignored else ""
+            # Whole seconds: a message is sent anew when its text changes.
+            silent = f"no usable sample on {topic} for {freshness.silent_s:.0f} s"
+            return Health("imu", Level.ERROR, f"{silent}{reason}; {SAFE_MODE}", values)
+        if not counts.usable:
+            return Health("imu", Level.OK, f"waiting for the first sample on {topic}", values)
+        if watch.trouble is ImuTrouble.CHECKING:
+            return Health("imu", Level.OK, "samples come in, and are looked at first", values)
+        if watch.trouble is not None:
+            return Health("imu", Level.ERROR, f"detection is unavailable: {watch.reason}; {SAFE_MODE}", values)
+        if freshness.irregular:
+            return Health("imu", Level.WARN, f"irregular samples: {seen}", values)
+        return Health("imu", Level.OK, "samples come in", values)
+
+    def _input_health(self) -> Health:
+        """Name every input beside the IMU, and whether it is received; none is needed."""
+        controller, topics = self._controller, self._inputs
+        time_ns = max(self.get_clock().now().nanoseconds, controller.gate.last_ns or 0)
+        received = controller.inputs.received(time_ns)
+        values = {
+            f"{each.value} ({topics[each]})": "received" if each in received else "not received" for each in Input
+        }
+        level, message = (
+            Level.OK,
+            f"beside the IMU: {', '.join(each.value for each in Input if each in received) or 'none'}",
+        )
+        if not controller.feels(Detection.STEP) and not controller.inputs.shows_contact(time_ns):
+            message += f"; a step is not felt on the {controller.mount.value}"
+            message += ": who walks needs gait, efforts, switch or load"
+        if self._leg_trouble:
+            level = Level.WARN
+            message += f"; the leg is not known: {self._leg_trouble}"
+        sole = controller.inputs.sole
+        if sole is not None:
+            for what, count in dataclasses.asdict(sole.counts).items():
+                values[f"odometry, {what.replace('_', ' ')}"] = str(count)
+            if Input.ODOMETRY not in received:
+                level = Level.WARN
+                message += f"; no odometry on {topics[Input.ODOMETRY]} that gives the speed of the sole"
+                message += ": slips are the IMU's"
+        return Health("inputs", level, message, values)
+
+    def _policy_health(self) -> Health:
+        """Say what the policy wants, and whether the driver follows."""
+        policy, mode = self._controller.policy, self._values.mode
+        values = {"contact": self._controller.detector.phase.value, "mode": mode.value, "state": policy.state.value}
+        for channel, vacuum_pa in policy.set_points_pa.items():
+            values[f"wanted vacuum, {channel} (Pa)"] = f"{vacuum_pa:.0f}"
+        landing = policy.landing
+        if landing is not None:
+            values |= {
+                "landing, expected speed (m/s)": f"{landing.speed_m_s:.2f}",
+                "landing, vacuum chosen (Pa)": f"{landing.chosen_pa:.0f}",
+                "landing, vacuum reached (Pa)": f"{landing.reached_pa:.0f}",
+                "landing, why": landing.why,
+            }
+        trouble = self._trouble_with_driver()
+        if not self._auto:
+            return Health("policy", Level.OK, f"automatic jamming is off; {names.WAY_BACK}", values)
+        if trouble:
+            return Health("policy", Level.ERROR, f"automatic: {policy.state.value}, but {trouble}", values)
+        if policy.state is PolicyState.FAULT:
+            return Health("policy", Level.ERROR, f"fault: nothing shows contact; {SAFE_MODE}", values)
+        what = (policy.state if mode is PolicyMode.AUTO else mode).value
+        if self._driver.by_hand and self._controller.vacuum_pa > 0.0:
+            what += f"; vented by a service: {', '.join(self._driver.by_hand)}, until the policy changes its set points"
+            what += f"; {names.WAY_BACK}"
+        return Health("policy", Level.OK, f"automatic: {what}", values)
+
+
+def contact_health(controller: AnkleController, soft: Sequence[str], *, is_soft_in_stance: bool) -> Health:
+    """Say what is known of contact; WARN where it is not known for `LOOKED_AT_S`, or the ankle is soft in stance.
+
+    Args:
+        controller: Whose knowledge it is.
+        soft: Channels that are not asked to jam.
+        is_soft_in_stance: Whether they should be, and were not for a while.
+
+    """
+    report = controller.contact
+    values = {"shown by": report.shown_by or "nothing", "at rest": str(report.at_rest)}
+    known = f"{report.contact.value} ({report.shown_by})" if report.shown_by else report.contact.value
+    if is_soft_in_stance:
+        what = f"soft in stance: {known}, and not asked to jam: {', '.join(soft) or 'no channel is reported'}"
+        return Health("contact", Level.WARN, f"{what}; {names.WAY_BACK}", values)
+    time_ns = controller.gate.last_ns
+    if time_ns is None or report.contact is not Contact.UNKNOWN:
+        return Health("contact", Level.OK, "waiting for the first sample" if time_ns is None else known, values)
+    if time_ns - report.since_ns < LOOKED_AT_S * NANOSECONDS_PER_SECOND:
+        return Health("contact", Level.OK, "unknown: looked at first", values)
+    does = "at rest, so held" if report.at_rest else "it moves, so it is left as it is"
+    return Health("contact", Level.WARN, f"unknown: nothing shows whether it stands or hangs; {does}; {SAY_SO}", values)

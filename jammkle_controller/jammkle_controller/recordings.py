@@ -276,13 +276,13 @@ def replay(stream: Iterable[Received], parameters: ControllerParameters, leg: Le
     for number, received in enumerate(stream):
         reaction = controller.take(received)
         events += reaction.events
-        if reaction.changed or controller.state is not state:
-            state = controller.state
+        if reaction.changed or controller.policy.state is not state:
+            state = controller.policy.state
             decisions.append(Decision(received.time_ns, state.value, dict(controller.set_points_pa)))
         reason = controller.watch.reason
         if reason != reported:
             troubles.append((received.time_ns, reason))
             reported = reason
         if number % 10 == 0:
-            swing.append((received.time_ns, controller.swing_probability))
+            swing.append((received.time_ns, controller.detector.swing_probability))
     return Replay(events, decisions, troubles, swing, controller.gate.counts)

@@ -41,7 +41,9 @@ def felt(parameters: ControllerParameters, until_s: float) -> tuple[AnkleControl
         if step % round(READ_S / IMU_S) == 0:
             at_s = step * IMU_S
             rate_rad_s = (pitch_rad(at_s) - pitch_rad(at_s - READ_S)) / READ_S
-            events += controller.on_ankle(AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0, 0.0), time_ns).events
+            events += controller.take(
+                Received(time_ns, AnkleReading(pitch_rad(at_s), 0.0, rate_rad_s, 0.0, 0.0, 0.0))
+            ).events
         events += controller.update(still(step, time_ns, STANDARD_GRAVITY_M_S2)).events
     return controller, events
 
@@ -54,7 +56,10 @@ def still(step: int, time_ns: int, force_m_s2: float) -> ImuSample:
 
 @pytest.mark.parametrize("mount", ["body", "shank", "foot"])
 def test_a_soft_step_is_felt_wherever_the_imu_is(mount: str) -> None:
-    """Nothing strikes and nothing shakes: the IMU alone shows none of it, the ankle both."""
+    """Nothing strikes and nothing shakes: the IMU alone shows none of it, the ankle both, as a sensor of contact.
+
+    A flat foot moves by 2 degrees at a touch-down: nothing to feel it by.
+    """
     parameters = ControllerParameters(imu_mount=mount, hang_pitch_deg=HANG_DEG)
     controller, events = felt(parameters, 2.5)
     by_ankle = [event for event in events if event.source is Source.ANKLE]
@@ -63,23 +68,10 @@ def test_a_soft_step_is_felt_wherever_the_imu_is(mount: str) -> None:
         assert 0.0 < event.time_ns / NANOSECONDS_PER_SECOND - begin_s < 0.08
         assert event.unit == "rad"
         assert event.probability > 0.8
-    assert controller.contact.contact is Contact.CONTACT
+    assert (controller.contact.contact, controller.contact.shown_by) == (Contact.CONTACT, "ankle angles")
+    assert controller.vacuum_pa > 0.0
     _, events = felt(ControllerParameters(imu_mount=mount), 2.5)
     assert not [event for event in events if event.kind in (ContactKind.IMPACT, ContactKind.LIFTOFF)]
-
-
-def test_the_stance_is_known_and_held() -> None:
-    """What the ankle feels is a sensor of contact: reported as such, and the ankle is jammed for it."""
-    controller, _ = felt(ControllerParameters(hang_pitch_deg=HANG_DEG), 2.2)
-    assert controller.contact.contact is Contact.CONTACT
-    assert controller.contact.shown_by == "ankle angles"
-    assert controller.vacuum_pa > 0.0
-
-
-def test_a_flat_foot_is_not_asked() -> None:
-    """It moves by 2 degrees at a touch-down: nothing to feel it by."""
-    _, events = felt(ControllerParameters(), 2.5)
-    assert not [event for event in events if event.source is Source.ANKLE]
 
 
 def test_free_fall_says_more_than_an_angle() -> None:
@@ -91,7 +83,7 @@ def test_free_fall_says_more_than_an_angle() -> None:
     for step in range(1, 51):
         time_ns = begun_ns + round(step * IMU_S * NANOSECONDS_PER_SECOND)
         if step % round(READ_S / IMU_S) == 0:
-            kinds += controller.on_ankle(AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0, 0.0), time_ns).events
+            kinds += controller.take(Received(time_ns, AnkleReading(BEARS_RAD, 0.0, 0.0, 0.0, 0.0, 0.0))).events
         force_m_s2 = max(0.3, STANDARD_GRAVITY_M_S2 * (1.0 - 0.15 * step))  # let go within 15 ms
         kinds += controller.update(still(step, time_ns, force_m_s2)).events
     assert [event.kind for event in kinds] == [ContactKind.LIFTOFF]
@@ -104,7 +96,7 @@ def test_what_is_no_number_is_left_out() -> None:
     for step in range(100):
         time_ns = round(step * READ_S * NANOSECONDS_PER_SECOND)
         broken = AnkleReading(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
-        assert not controller.on_ankle(broken, time_ns).events
+        assert not controller.take(Received(time_ns, broken)).events
     assert controller.contact.contact is Contact.UNKNOWN
 
 

@@ -16,6 +16,7 @@ from jammkle_controller.core.imu import ImuTrouble
 from jammkle_controller.core.inputs import PLAN_SILENT_S, Input
 from jammkle_controller.core.landing import Evacuation, Stored
 from jammkle_controller.core.policy import PolicyState
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def test_a_broken_imu_does_not_vent_a_robot_that_stands(
     assert [event for event in events if event.kind is ContactKind.LIFTOFF] == []
     assert all(math.isfinite(event.magnitude) for event in events)
     assert controller.watch.trouble is trouble
-    assert controller.state is PolicyState.FAULT
+    assert controller.policy.state is PolicyState.FAULT
     assert controller.set_points_pa == HELD
     streams.events_of(later(streams.sense(streams.rest(6.0), 500), broken[-1].time_ns), controller)
     assert controller.watch.trouble is None
@@ -116,11 +117,11 @@ def test_an_imu_that_loses_gravity_in_a_stance_is_refused_at_once(
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
     assert streams.events_of(broken[2:], controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, HELD)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.FAULT, HELD)
     whole = later(streams.sense(streams.rest(0.6), rate_hz), broken[-1].time_ns)
     streams.events_of(whole, controller)
     assert controller.watch.trouble is None
-    assert (controller.state, controller.set_points_pa) == (PolicyState.STANCE, HELD)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.STANCE, HELD)
 
 
 @pytest.mark.parametrize("rate_hz", [100, 250, 1000])
@@ -160,7 +161,7 @@ def test_readings_in_g_are_refused_from_the_start(streams: Any, rate_hz: int) ->
     samples = [scaled(force=1.0 / 9.80665)(sample) for sample in streams.sense(streams.drop(*KICK)[0], rate_hz)]
     assert streams.events_of(samples, controller) == []
     assert controller.watch.trouble is ImuTrouble.TOO_SMALL
-    assert (controller.state, controller.set_points_pa) == (PolicyState.FAULT, SOFT)
+    assert (controller.policy.state, controller.set_points_pa) == (PolicyState.FAULT, SOFT)
 
 
 @pytest.mark.parametrize("stood_s", [0.03, 0.09])
@@ -233,20 +234,17 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
     samples = iter([dead(s) for s in later(streams.sense(streams.rest(2.0), 500), last_ns)])
 
     def go_on(count: int) -> int:
-        sample = None
         for _ in range(count):
-            sample = next(samples)
-            controller.update(sample)
-        assert sample is not None
-        return sample.time_ns
+            controller.update(next(samples))
+        return controller.gate.last_ns or 0
 
-    controller.on_switch(closed=True, time_ns=go_on(100))
+    controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 1.0))
     assert controller.set_points_pa == HELD
-    reaction = controller.on_switch(closed=False, time_ns=go_on(100))
+    reaction = controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 0.0))
     assert [(event.kind, event.source) for event in reaction.events] == [(ContactKind.LIFTOFF, Source.CONTACT_SWITCH)]
     assert controller.set_points_pa == SOFT
     assert Input.CONTACT_SWITCH in controller.inputs.received(go_on(1))
-    reaction = controller.on_switch(closed=True, time_ns=go_on(100))
+    reaction = controller.take(Received(go_on(100), Input.CONTACT_SWITCH, 1.0))
     assert [event.kind for event in reaction.events] == [ContactKind.IMPACT]
     go_on(20)
     assert controller.set_points_pa == HELD
@@ -266,8 +264,8 @@ def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: 
         phase = (since_s / stride_s) % 1.0
         before = controller.set_points_pa
         if planned_share is not None:
-            controller.on_plan(contact=phase < planned_share, time_ns=sample.time_ns)
-        controller.on_phase(phase, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.PLANNED_CONTACT, phase < planned_share))
+        controller.take(Received(sample.time_ns, Input.GAIT_PHASE, phase))
         controller.update(sample)
         if controller.set_points_pa == HELD and before == SOFT:
             asked_s.append(since_s % stride_s)
@@ -287,8 +285,8 @@ def test_a_plan_that_fell_silent_leaves_the_swings_to_the_phase(streams: Any) ->
         phase = (since_s / stride_s) % 1.0
         before = controller.set_points_pa
         if since_s < reported_s:
-            controller.on_plan(contact=phase < 0.7, time_ns=sample.time_ns)
-        controller.on_phase(phase, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.PLANNED_CONTACT, phase < 0.7))
+        controller.take(Received(sample.time_ns, Input.GAIT_PHASE, phase))
         controller.update(sample)
         if controller.set_points_pa == SOFT and before == HELD:
             vented_s.append(since_s)
@@ -310,7 +308,7 @@ def test_a_load_that_goes_vents_and_jams_again_as_it_comes(streams: Any) -> None
         since_s = 0.002 * number
         load_n = 40.0 if since_s < 0.5 else 12.0 if since_s < 0.8 else 2.0 if since_s < 1.2 else 40.0
         if number % 5 == 0:
-            controller.on_load(load_n, sample.time_ns)
+            controller.take(Received(sample.time_ns, Input.LOAD, load_n))
         controller.update(sample)
         set_points_pa[number * 2] = controller.set_points_pa
     assert set_points_pa[798] == HELD

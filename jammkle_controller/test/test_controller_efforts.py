@@ -17,6 +17,7 @@ from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.leg_contact import SPREAD_N, LegLoad, LegReading, LoadContact
 from jammkle_controller.core.policy import PolicyState
+from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
@@ -174,12 +175,12 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
         time_ns = 2_000_000 * index
         if index % 5 == 0:
             up_n = 0.0 if 1000 <= index < 1400 else 20.0
-            reported += controller.on_leg(loaded(up_n), time_ns).events
+            reported += controller.take(Received(time_ns, loaded(up_n))).events
         blow = 30.0 if 1200 <= index < 1205 else 0.0
         force = (chance.normal(0.0, 0.02), chance.normal(0.0, 0.02), GRAVITY_M_S2 + blow + chance.normal(0.0, 0.02))
         reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
         if index == 1300:
-            assert controller.state is PolicyState.SWING
+            assert controller.policy.state is PolicyState.SWING
     kinds = [(each.kind, each.source, each.time_ns) for each in reported if each.kind is not ContactKind.SETTLED]
     lifted, landed = (event for event in kinds if event[0] is not ContactKind.SWING)
     assert lifted[:2] == (ContactKind.LIFTOFF, Source.EFFORTS)
@@ -187,7 +188,7 @@ def test_a_foot_that_is_unloaded_vents_and_one_that_bears_lands(mount: str) -> N
     assert 2_000_000_000 <= lifted[2] <= 2_030_000_000
     assert 2_800_000_000 <= landed[2] <= 2_830_000_000
     assert Input.EFFORTS in controller.inputs.received(time_ns)
-    assert controller.state is PolicyState.STANCE
+    assert controller.policy.state is PolicyState.STANCE
 
 
 def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
@@ -197,19 +198,19 @@ def test_a_foot_that_the_gait_has_put_down_in_vain_is_in_the_air() -> None:
     for index in range(1000):
         time_ns = 2_000_000 * index
         if index % 5 == 0:
-            reported += controller.on_leg(loaded(20.0 if index < 500 else 0.0), time_ns).events
-            reported += controller.on_plan(contact=not 500 <= index < 700, time_ns=time_ns).events
+            reported += controller.take(Received(time_ns, loaded(20.0 if index < 500 else 0.0))).events
+            reported += controller.take(Received(time_ns, Input.PLANNED_CONTACT, not 500 <= index < 700)).events
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
         reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events
     assert [each.kind for each in reported] == [ContactKind.LIFTOFF]
-    assert controller.state is PolicyState.SWING
+    assert controller.policy.state is PolicyState.SWING
 
 
 def test_efforts_are_not_received_unless_asked_for() -> None:
     """Without use_efforts no leg is believed, whatever it reports."""
     controller = AnkleController(ControllerParameters(imu_mount="shank"), leg=LEG)
     for index in range(100):
-        assert controller.on_leg(loaded(20.0 * (index < 50)), 10_000_000 * index).events == ()
+        assert controller.take(Received(10_000_000 * index, loaded(20.0 * (index < 50)))).events == ()
     assert controller.inputs.received(990_000_000) == ()
 
 
@@ -223,7 +224,7 @@ def test_a_body_that_falls_and_lands_is_reported_once_by_the_imu() -> None:
     for index in range(1500):
         time_ns, falls, light = 2_000_000 * index, 600 <= index < 650, 300 <= index < 605
         if index % 5 == 0:
-            reported += controller.on_leg(loaded(0.0 if light or index == 650 else 20.0), time_ns).events
+            reported += controller.take(Received(time_ns, loaded(0.0 if light or index == 650 else 20.0))).events
         up = 0.0 if falls else GRAVITY_M_S2 + (30.0 if 650 <= index < 655 else 0.0)
         force = chance.normal((0.0, 0.0, up), 0.02).tolist()
         reported += controller.update(ImuSample(time_ns, *force, 0.0, 0.0, 0.0)).events

@@ -17,6 +17,7 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import ContactEvent, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
+from jammkle_controller.core.reading import Received
 from jammkle_controller.core.slip import FALSE_ALARM_S, BodyTwist, LegPose, SoleSlip, sole_velocity_m_s
 from jammkle_controller.parameters import ControllerParameters
 
@@ -107,7 +108,7 @@ def feel(controller: AnkleController, index: int) -> list[ContactEvent]:
     """Let a controller feel rest on the body's IMU, and receive its switch closed."""
     chance = np.random.default_rng(index)
     time_ns, reported = index * STEP_NS, []
-    reported += controller.on_switch(closed=True, time_ns=time_ns).events
+    reported += controller.take(Received(time_ns, Input.CONTACT_SWITCH, 1.0)).events
     for part in range(5):
         force = chance.normal((0.0, 0.0, GRAVITY_M_S2), 0.02).tolist()
         reported += controller.update(ImuSample(time_ns + part * 2_000_000, *force, 0.0, 0.0, 0.0)).events
@@ -130,10 +131,10 @@ def test_a_steady_slide_is_reported_with_odometry_and_not_without(mount: str, la
             speed = np.array([0.0, -0.2 if 200 <= index < 250 else 0.0, 0.0]) + chance.normal(0.0, 0.03, 3)
             late.append(BodyTwist(index * STEP_NS, tuple(speed.tolist()), (0.0, 0.0, 0.0)))
             if latency < 0:
-                events += controller.on_odometry(late[index], index * STEP_NS).events
-            events += controller.on_pose(STILL, index * STEP_NS).events
+                events += controller.take(Received(index * STEP_NS, late[index])).events
+            events += controller.take(Received(index * STEP_NS, STILL)).events
             if 0 <= latency <= index:
-                events += controller.on_odometry(late[index - latency], index * STEP_NS).events
+                events += controller.take(Received(index * STEP_NS, late[index - latency])).events
             events += feel(controller, index)
         reported[received] = [event for event in events if event.kind is ContactKind.SLIP]
     (slip,) = reported[True]
@@ -177,10 +178,10 @@ def test_odometry_that_cannot_be_believed_reports_nothing_and_leaves_slips_to_th
         assert sum(each is not None for each in reported) <= (count == "frozen")  # before it is known to be frozen
     controller = AnkleController(parameters, leg=LEG)
     for index in range(200):
-        controller.on_pose(STILL._replace(hip_rad=math.nan if index >= 100 else 0.52), index * STEP_NS)
+        controller.take(Received(index * STEP_NS, STILL._replace(hip_rad=math.nan if index >= 100 else 0.52)))
         chance = np.random.default_rng(index)
         speed = tuple(chance.normal(0.0, 0.02, 3).tolist())
-        controller.on_odometry(BodyTwist(index * STEP_NS, speed, (0.0, 0.0, 0.0)), index * STEP_NS)
+        controller.take(Received(index * STEP_NS, BodyTwist(index * STEP_NS, speed, (0.0, 0.0, 0.0))))
         feel(controller, index)
         if index < 10:  # an IMU is looked at first
             continue

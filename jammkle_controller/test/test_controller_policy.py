@@ -10,7 +10,7 @@ from jammkle_common.names import CHANNELS
 from jammkle_common.parameters import rows
 from jammkle_controller.core.detector import TOUCHDOWN_M_S2
 from jammkle_controller.core.events import ContactEvent, ContactKind
-from jammkle_controller.core.imu import Freshness
+from jammkle_controller.core.imu import Freshness, StreamCounts
 from jammkle_controller.core.landing import Evacuation, Stored
 from jammkle_controller.core.policy import (
     MEANINGS,
@@ -188,27 +188,23 @@ def test_clock_set_back_keeps_the_set_points_and_the_rest_of_the_delay(
     assert policy.state is PolicyState.STANCE
 
 
-def test_silence_counts_in_the_time_that_the_ankle_lives_in() -> None:
-    """The IMU is missed when time goes on without samples; a paused simulation, whose time stands, is no fault."""
-    freshness = Freshness(0.2, now_s=5.0)
-    freshness.observe(10, 5.1)
-    freshness.observe(10, 5.1)
-    assert not freshness.stale
-    freshness.observe(10, 5.4)
-    assert freshness.stale
-    assert freshness.silent_s == pytest.approx(0.3)
-    freshness.observe(11, 5.5)
-    assert not freshness.stale
-
-
-def test_first_reading_of_a_simulated_clock_is_no_silence() -> None:
-    """A clock that jumps from zero to its first value has not run, so nothing is stale yet; later it is."""
-    freshness = Freshness(0.2, now_s=0.0)
-    freshness.observe(0, 0.0)
-    freshness.observe(0, 42.0)
-    assert not freshness.stale
-    freshness.observe(0, 42.4)
-    assert freshness.stale
+@pytest.mark.parametrize(
+    ("begin_s", "seen"),
+    [
+        (5.0, [(10, 5.1, False), (10, 5.1, False), (10, 5.4, True), (11, 5.5, False)]),
+        (0.0, [(0, 0.0, False), (0, 42.0, False), (0, 42.4, True)]),
+    ],
+    ids=["a clock that runs", "a simulated one that begins"],
+)
+def test_silence_counts_in_the_time_that_the_ankle_lives_in(
+    begin_s: float, seen: list[tuple[int, float, bool]]
+) -> None:
+    """The IMU is missed when time goes on without samples; not where time stands, or jumps from zero to its begin."""
+    freshness = Freshness(0.2, now_s=begin_s)
+    for usable, now_s, stale in seen:
+        freshness.observe(StreamCounts(usable=usable), now_s)
+        assert freshness.stale is stale
+        assert not stale or freshness.silent_s == pytest.approx(now_s - seen[1][1])
 
 
 def test_parameters_have_units_and_cannot_contradict() -> None:

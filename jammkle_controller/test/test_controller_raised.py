@@ -12,7 +12,7 @@ from jammkle_common.messages import Level
 from jammkle_common.names import CHANNELS
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.events import METRE, Contact, ContactKind
-from jammkle_controller.health import contact_health
+from jammkle_controller.node import contact_health
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:

@@ -57,7 +57,7 @@ class Rig:
         of_channels = tuple((each.name, each.state, each.set_point_pa, each.vacuum_pa, each.why) for each in channels)
         of_publishers = (driver.stop.publishers, driver.stop.asked_by, driver.streams.speaking)
         of_ankle = (driver.ankle.manifold_vacuum_pa, driver.ankle.held, driver.trouble)
-        of_driver = (driver.active, driver.stop.reason, driver.line_noise, driver.restarted)
+        of_driver = (driver.active, driver.stop.reason, driver.link_watch.noise, driver.link_watch.restarted)
         return (of_driver, of_ankle, of_channels, of_publishers, driver.command)
 
     def wanted_pa(self, name: str) -> float:

@@ -17,7 +17,7 @@ from jammkle_driver import conversions
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Finding, Reason
-from jammkle_driver.health import health_lines
+from jammkle_driver.node import health_lines
 from jammkle_driver.parameters import DriverParameters
 from jammkle_msgs.msg import ChannelJamState
 

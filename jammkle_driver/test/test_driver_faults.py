@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.air import Atmosphere
+from jammkle_driver.core.ankle import PumpLoad
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
-from jammkle_driver.core.regulator import PumpLoad
 from jammkle_driver.core.requests import RequestError, SetPoint
 from jammkle_driver.core.watch import Instant, OverloadWatch
 from jammkle_driver.fake import FakeFault, LinkFault, ScriptError, read_script
@@ -43,7 +43,6 @@ def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
     assert sum(resting) > 0.6 * len(resting)
     air = bench.plant.air
     reported = bench.driver.ankle.leaks.latest
-    assert reported is not None
     assert reported.connected == set(CHANNELS)
     assert bench.driver.ankle.leaks.alone == {}
     assert reported.conductance_m3_s_pa == pytest.approx(4.0 * air.leak_conductance_m3_s_pa, rel=0.5)

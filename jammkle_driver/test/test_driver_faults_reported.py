@@ -1,8 +1,9 @@
-"""Every fault of the plant through a running node over DDS: the report, the action, and the way back to a jam."""
+"""Every fault of plant, board, line and the driver's own pace over DDS: the report, the action, and the way back."""
 
 from __future__ import annotations
 
 import re
+import time
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,14 +15,22 @@ from std_srvs.srv import Trigger
 
 from jammkle_common import names
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
-from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_driver.fake import FakeFault
+from jammkle_common.qos import publisher_qos
+from jammkle_driver.core.hardware import MANIFOLD, released
+from jammkle_driver.core.watch import BOARD
+from jammkle_driver.fake import FakeFault, LinkFault
 from jammkle_driver.parameters import DriverParameters
-from jammkle_msgs.msg import ChannelJamState, Fault
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand
 from jammkle_msgs.srv import Jam
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+STALL_S = 0.4
+"""Twice the time after which a board lets go of a driver that stands still."""
+HELD_PA = 40e3
+STREAM_PERIOD_S = 0.05
+NOISE_SHARE = 0.2
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +54,16 @@ class Broken:
     """What is broken, how it is reported, and with which number; the number's size, where the plant knows it."""
 
     reason: int
-    fault: FakeFault
+    fault: FakeFault | LinkFault
     place: str
     number: str
     size: float = 0.0
-    while_jammed: bool = False
+    vented: bool = False
+    """Whether it happens to a vented ankle, not to a jammed one."""
     shaken: bool = False
     true: float | None = None
+    text: str = ""
+    """What the report of the board says."""
 
 
 NATS = "log-likelihood gained (nats)"
@@ -65,37 +77,30 @@ READING = "reading (Pa)"
 SILENCE = "silence allowed (s)"
 
 BROKEN = {
-    "leak": Broken(Fault.LEAK, FakeFault.LEAK, ACHILLES, LEAK, 3e-10, while_jammed=True, true=3e-10),
-    "leak of the manifold": Broken(Fault.LEAK, FakeFault.LEAK, MANIFOLD, LEAK, 3e-10, while_jammed=True, true=3e-10),
-    "blocked line": Broken(Fault.BLOCKED_LINE, FakeFault.BLOCKED, PERONEAL_RIGHT, LINE, 0.05, true=0.05),
-    "valve stuck open": Broken(
-        Fault.VALVE_STUCK_OPEN, FakeFault.STUCK_OPEN, PERONEAL_LEFT, AT_MANIFOLD, while_jammed=True, shaken=True
+    "leak": Broken(Fault.LEAK, FakeFault.LEAK, ACHILLES, LEAK, 3e-10, true=3e-10),
+    "leak of the manifold": Broken(Fault.LEAK, FakeFault.LEAK, MANIFOLD, LEAK, 3e-10, true=3e-10),
+    "blocked line": Broken(Fault.BLOCKED_LINE, FakeFault.BLOCKED, PERONEAL_RIGHT, LINE, 0.05, vented=True, true=0.05),
+    "valve stuck open": Broken(Fault.VALVE_STUCK_OPEN, FakeFault.STUCK_OPEN, PERONEAL_LEFT, AT_MANIFOLD, shaken=True),
+    "valve stuck closed": Broken(Fault.VALVE_STUCK_CLOSED, FakeFault.STUCK_CLOSED, ACHILLES, AT_MANIFOLD, vented=True),
+    "pump dead": Broken(Fault.PUMP_DEAD, FakeFault.PUMP_DEAD, MANIFOLD, FLOW, vented=True, true=0.0),
+    "pump weak": Broken(
+        Fault.PUMP_WEAK, FakeFault.PUMP_WEAK, MANIFOLD, FLOW, 0.25, vented=True, shaken=True, true=0.25
     ),
-    "valve stuck closed": Broken(Fault.VALVE_STUCK_CLOSED, FakeFault.STUCK_CLOSED, ACHILLES, AT_MANIFOLD),
-    "pump dead": Broken(Fault.PUMP_DEAD, FakeFault.PUMP_DEAD, MANIFOLD, FLOW, true=0.0),
-    "pump weak": Broken(Fault.PUMP_WEAK, FakeFault.PUMP_WEAK, MANIFOLD, FLOW, 0.25, shaken=True, true=0.25),
-    "sensor dead": Broken(Fault.SENSOR_DEAD, FakeFault.SENSOR_DEAD, ACHILLES, SILENCE, while_jammed=True, true=0.5),
-    "sensor stuck": Broken(
-        Fault.SENSOR_STUCK, FakeFault.SENSOR_STUCK, PERONEAL_RIGHT, MUST_BE, while_jammed=True, shaken=True
-    ),
-    "sensor drifting": Broken(
-        Fault.SENSOR_DRIFTING, FakeFault.SENSOR_DRIFT, PERONEAL_LEFT, OFFSET, -3e3, while_jammed=True
-    ),
-    "sensor off at once": Broken(
-        Fault.SENSOR_DRIFTING, FakeFault.SENSOR_BIAS, ACHILLES, OFFSET, 6e3, while_jammed=True, true=6e3
-    ),
-    "sensor of the manifold off": Broken(
-        Fault.SENSOR_DRIFTING, FakeFault.SENSOR_BIAS, MANIFOLD, OFFSET, 6e3, while_jammed=True, true=6e3
-    ),
+    "sensor dead": Broken(Fault.SENSOR_DEAD, FakeFault.SENSOR_DEAD, ACHILLES, SILENCE, true=0.5),
+    "sensor stuck": Broken(Fault.SENSOR_STUCK, FakeFault.SENSOR_STUCK, PERONEAL_RIGHT, MUST_BE, shaken=True),
+    "sensor drifting": Broken(Fault.SENSOR_DRIFTING, FakeFault.SENSOR_DRIFT, PERONEAL_LEFT, OFFSET, -3e3),
+    "sensor off at once": Broken(Fault.SENSOR_DRIFTING, FakeFault.SENSOR_BIAS, ACHILLES, OFFSET, 6e3, true=6e3),
+    "sensor of the manifold off": Broken(Fault.SENSOR_DRIFTING, FakeFault.SENSOR_BIAS, MANIFOLD, OFFSET, 6e3, true=6e3),
     "sensor out of range": Broken(
-        Fault.SENSOR_OUT_OF_RANGE,
-        FakeFault.SENSOR_OUT_OF_RANGE,
-        ACHILLES,
-        READING,
-        130e3,
-        while_jammed=True,
-        true=130e3,
+        Fault.SENSOR_OUT_OF_RANGE, FakeFault.SENSOR_OUT_OF_RANGE, ACHILLES, READING, 130e3, true=130e3
     ),
+    "board unplugged": Broken(
+        Fault.BOARD_UNPLUGGED, LinkFault.UNPLUGGED, BOARD, "exchanges (1)", text="the board does not answer"
+    ),
+    "board rebooted": Broken(
+        Fault.BOARD_REBOOTED, LinkFault.REBOOTED, BOARD, "board starts (1)", text="last reset: reset pin"
+    ),
+    "brown-out": Broken(Fault.BROWN_OUT, LinkFault.BROWN_OUT, BOARD, "supply (V)", text="the supply fell below"),
 }
 
 
@@ -103,18 +108,21 @@ BROKEN = {
 def test_a_fault_is_reported_acted_upon_and_left_again(ankle: Ankle, broken: Broken) -> None:
     """On jam_state, on /diagnostics with numbers and units, at the outputs; the repaired ankle jams once cleared."""
     ankle.jam_again()
-    if not broken.while_jammed:
+    if broken.vented:
         ankle.trigger(names.UNJAM_ALL)
         ankle.spin_until_in(ChannelJamState.UNJAMMED)
-    ankle.plant.inject(broken.fault, broken.place, broken.size)
+    ankle.board.inject(broken.fault, broken.place, broken.size)
     ankle.wait_for_fault(shaken=broken.shaken)
 
-    concerned = CHANNELS if broken.place == MANIFOLD else (broken.place,)
+    concerned = CHANNELS if broken.place in {MANIFOLD, BOARD} else (broken.place,)
     reported = ankle.fault
     assert reported.reason == broken.reason
-    assert reported.text.startswith(f"{broken.place} ")
-    assert re.search(r"\d", reported.text)
-    assert "then call ~/clear_fault" in reported.text
+    if broken.place == BOARD:
+        assert broken.text in reported.text
+    else:
+        assert reported.text.startswith(f"{broken.place} ")
+        assert re.search(r"\d", reported.text)
+    assert re.search("then call ~/clear_fault|call ~/clear_fault, then jam anew", reported.text)
     assert reported.action == "every channel vented until ~/clear_fault"
     faulty = {channel.channel for channel in ankle.said.states[-1].channels if channel.state == ChannelJamState.FAULT}
     assert faulty == set(concerned)
@@ -122,8 +130,11 @@ def test_a_fault_is_reported_acted_upon_and_left_again(ankle: Ankle, broken: Bro
         assert ankle.said.state_of(channel).fault == broken.reason
         assert ankle.said.state_of(channel).reason == reported.text
     ankle.graph.spin_until(ankle.said.released)
+    ankle.graph.spin_until(lambda: ankle.board.driven == released(CHANNELS))
 
     ankle.graph.spin_until(lambda: reported.text in ankle.said.lines["fault"].message)
+    if broken.place == BOARD:
+        ankle.graph.spin_until(lambda: ankle.said.lines["link"].level == DiagnosticStatus.ERROR)
     line = ankle.said.lines["fault"]
     assert line.level == DiagnosticStatus.ERROR
     assert reported.action in line.message
@@ -139,6 +150,7 @@ def test_a_fault_is_reported_acted_upon_and_left_again(ankle: Ankle, broken: Bro
     assert not refused.success
     assert reported.text in refused.message
     ankle.jam_again()
+    ankle.graph.spin_until(lambda: ankle.said.lines["link"].level != DiagnosticStatus.ERROR)
 
 
 def test_a_silent_sensor_of_the_manifold_is_reported_and_costs_no_jam(ankle: Ankle) -> None:
@@ -159,6 +171,116 @@ def test_a_silent_sensor_of_the_manifold_is_reported_and_costs_no_jam(ankle: Ank
     ankle.plant.heal()
     ankle.graph.spin_until(lambda: ankle.fault.reason in PASSING)
     ankle.graph.spin_until(lambda: ankle.said.lines["manifold"].level == DiagnosticStatus.OK)
+
+
+def test_a_board_that_is_unplugged_is_named_on_the_terminal_once(
+    ankle: Ankle, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever has started the driver with the wrong port sees why, and not again with every try."""
+    ankle.board.inject(LinkFault.UNPLUGGED)
+    reason = ankle.board.link.detail.partition(";")[0]
+    logged = ""
+
+    def is_logged() -> bool:
+        nonlocal logged
+        logged += capfd.readouterr().err
+        return reason in logged
+
+    ankle.graph.spin_until(is_logged)
+    ankle.graph.spin_until(lambda: reason in ankle.said.lines["link"].message)
+    assert (logged + capfd.readouterr().err).count(f"]: {reason}") == 1
+    ankle.board.heal()
+    ankle.graph.spin_until(lambda: ankle.said.lines["link"].level != DiagnosticStatus.ERROR)
+
+
+def test_a_board_that_resets_while_nothing_is_jammed_is_reported(ankle: Ankle) -> None:
+    """A warning of the link with the cause, and no FAULT: nobody has lost anything, but the next jam would."""
+    ankle.jam_again()
+    ankle.trigger(names.UNJAM_ALL)
+    ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    starts = ankle.board.link.starts
+    ankle.board.inject(LinkFault.REBOOTED)
+    ankle.graph.spin_until(
+        lambda: numbers_of(ankle.said.values_of("link"), "last reset")["board starts (1)"] == starts + 1
+    )
+    assert "has started anew" in ankle.said.lines["link"].message
+    assert ankle.said.lines["link"].level == DiagnosticStatus.WARN
+    assert ankle.said.all_in(ChannelJamState.UNJAMMED)
+    assert ankle.trigger(names.JAM_ALL)
+    ankle.spin_until_in(ChannelJamState.JAMMED)
+
+
+def test_noise_on_the_line_is_reported_and_costs_no_jam(ankle: Ankle) -> None:
+    """A warning with the share of telegrams that were damaged; what is jammed stays so."""
+    ankle.jam_again()
+    ankle.board.inject(LinkFault.LINE_NOISE, size=NOISE_SHARE)
+
+    def reported_share() -> float:
+        return numbers_of(ankle.said.values_of("fault")).get("wrong check sums (share of telegrams)", 0.0)
+
+    ankle.graph.spin_until(lambda: ankle.fault.reason == Fault.LINE_NOISE)
+    assert ankle.fault.action == "none: the line repeats what is lost"
+    ankle.graph.spin_until(lambda: reported_share() > 0.5 * NOISE_SHARE)
+    assert reported_share() < 2.0 * NOISE_SHARE
+    assert ankle.said.lines["fault"].level == DiagnosticStatus.WARN
+    assert ankle.said.lines["link"].level == DiagnosticStatus.WARN
+    assert ankle.said.all_in(ChannelJamState.JAMMED)
+    assert all(ankle.board.driven.solenoids.values())
+    ankle.board.heal()
+    ankle.graph.spin_until(lambda: ankle.fault.reason != Fault.LINE_NOISE, TIMEOUT_S)
+
+
+def test_a_stream_that_ends_is_reported_and_one_that_goes_on_jams_again(ankle: Ankle) -> None:
+    """COMMANDS_STALE with the silence that is allowed; no FAULT, nothing to clear."""
+    ankle.jam_again()
+    ankle.trigger(names.UNJAM_ALL)
+    ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    node, topic = ankle.graph.node, names.JAM_COMMAND
+    publisher = node.create_publisher(JamCommand, topic.name, publisher_qos(topic))
+    set_point = JamCommand(channels=[ChannelJamCommand(channel=name, vacuum_pa=HELD_PA) for name in CHANNELS])
+    for _ in range(2):
+        timer = node.create_timer(STREAM_PERIOD_S, lambda: publisher.publish(set_point))
+        ankle.spin_until_in(ChannelJamState.JAMMED)
+        node.destroy_timer(timer)
+        ankle.graph.spin_until(lambda: ankle.fault.reason == Fault.COMMANDS_STALE)
+        assert "no accepted jam_command for 0.5 s (command_timeout_s)" in ankle.fault.text
+        assert ankle.fault.action.endswith("vented until asked anew")
+        ankle.graph.spin_until(ankle.said.released)
+        ankle.graph.spin_until(lambda: "COMMANDS_STALE" in ankle.said.lines["fault"].message)
+        assert ankle.said.lines["fault"].level == DiagnosticStatus.WARN
+        assert numbers_of(ankle.said.values_of("fault")) == {"silence allowed (s)": 0.5}
+        ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    node.destroy_publisher(publisher)
+
+
+def test_a_driver_that_stood_still_says_so(ankle: Ankle) -> None:
+    """EXECUTOR_OVERLOADED, with how often and for how long; nothing was jammed, and nothing is held against it."""
+    ankle.jam_again()
+    ankle.trigger(names.UNJAM_ALL)
+    ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    time.sleep(STALL_S)  # the driver, and the board's plant with it: the executor is this thread's
+    ankle.graph.spin_until(lambda: ankle.fault.reason == Fault.EXECUTOR_OVERLOADED)
+    ankle.graph.spin_until(lambda: "EXECUTOR_OVERLOADED" in ankle.said.lines["fault"].message)
+    numbers = numbers_of(ankle.said.values_of("fault"))
+    assert numbers["longest standstill (s)"] >= STALL_S
+    assert numbers["standstills (1)"] >= 1
+    assert ankle.fault.action == "none: the board lets go where that lasts"
+    assert ankle.said.lines["executor"].level == DiagnosticStatus.WARN
+    assert ankle.said.all_in(ChannelJamState.UNJAMMED)
+
+
+def test_a_board_that_let_go_of_a_late_driver_is_reported(ankle: Ankle) -> None:
+    """BOARD_LET_GO: vented, no FAULT, and a jam that is asked anew works without a person."""
+    ankle.jam_again()
+    time.sleep(STALL_S)  # the driver, and the board's plant with it: the executor is this thread's
+    ankle.graph.spin_until(lambda: ankle.fault.reason == Fault.BOARD_LET_GO)
+    assert "no fresh command" in ankle.fault.text
+    ankle.graph.spin_until(lambda: "BOARD_LET_GO" in ankle.said.lines["fault"].message)
+    assert "board starts (1)" in numbers_of(ankle.said.values_of("fault"))
+    assert ankle.board.driven == released(CHANNELS)
+    ankle.spin_until_in(ChannelJamState.UNJAMMED)
+    assert ankle.trigger(names.JAM_ALL)
+    ankle.spin_until_in(ChannelJamState.JAMMED)
 
 
 def test_the_leak_of_each_channel_is_on_diagnostics(ankle: Ankle) -> None:

@@ -12,9 +12,9 @@ from pymodbus import ModbusException
 
 from jammkle_driver.board.line import Line, LineError
 from jammkle_driver.board.wiring import load_wiring
-from jammkle_driver.core.faults import Reason
+from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
-from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkGuard, NoiseMeter, RestartWatch
+from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +26,7 @@ LOST = LinkStatus(LinkState.LOST, "no such file")
 
 def test_a_board_that_latched_while_idle_is_acknowledged_at_once() -> None:
     """A board that was just plugged in asks nobody for permission: nothing could go on jamming by itself."""
-    guard = LinkGuard()
+    guard = LinkWatch()
     assert guard.look(LATCHED, jammed=False).acknowledge
     assert not guard.look(HEALTHY, jammed=False).acknowledge
 
@@ -37,9 +37,8 @@ REBOOTED = LinkStatus(LinkState.CONNECTED, latched=frozenset({SafeCause.RESET}),
 @pytest.mark.parametrize("broken", [REBOOTED, LOST])
 def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> None:
     """After a fault the latched board stays as it is, also over an unplug, until it is cleared."""
-    guard = LinkGuard()
+    guard = LinkWatch()
     fault = guard.look(broken, jammed=True).fault
-    assert fault is not None
     assert "~/clear_fault" in fault.text
     for link in (broken, LOST, LATCHED, LATCHED):
         assert not guard.look(link, jammed=False).acknowledge
@@ -49,13 +48,11 @@ def test_a_safe_state_while_jammed_waits_for_a_person(broken: LinkStatus) -> Non
 
 def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
     """The reason is put right once, when it answers again; nothing is acknowledged by that."""
-    guard = LinkGuard()
+    guard = LinkWatch()
     lost = guard.look(LOST, jammed=True).fault
-    assert lost is not None
     assert lost.reason is Reason.BOARD_UNPLUGGED
     assert guard.look(LOST, jammed=False).fault is None
     verdict = guard.look(REBOOTED, jammed=False)
-    assert verdict.fault is not None
     assert verdict.fault.reason is Reason.BROWN_OUT
     assert not verdict.acknowledge
     assert guard.look(REBOOTED, jammed=False).fault is None
@@ -63,43 +60,49 @@ def test_a_board_that_is_away_while_it_starts_anew_was_not_unplugged() -> None:
 
 def test_a_board_that_had_not_heard_the_driver_is_no_fault() -> None:
     """A driver that stood still is to blame itself: what is asked for again may jam again, without a person."""
-    verdict = LinkGuard().look(LATCHED, jammed=True)
+    verdict = LinkWatch().look(LATCHED, jammed=True)
     assert verdict.fault is None
-    assert verdict.let_go is not None
     assert "watchdog_ms" in verdict.let_go.text
     assert verdict.acknowledge
 
 
 def test_a_noisy_line_is_reported_with_its_share() -> None:
     """Wrong check sums are counted over the last seconds, and reported in percent; a clean line says nothing."""
-    meter = NoiseMeter()
-    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=100), 0.0) is None
-    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=600), 1.0) is None
-    noise = meter.look(LinkStatus(LinkState.CONNECTED, exchanges=900, crc_errors=200), 2.0)
-    assert noise is not None
+    watch = LinkWatch()
+
+    def look(at_s: float, exchanges: int, crc_errors: int = 0) -> Finding | None:
+        watch.count(LinkStatus(LinkState.CONNECTED, exchanges=exchanges, crc_errors=crc_errors), at_s)
+        return watch.noise
+
+    assert look(0.0, 100) is None
+    assert look(1.0, 600) is None
+    noise = look(2.0, 900, 200)
     assert "20 %" in noise.text
     assert noise.values["wrong check sums (share of telegrams)"] == "0.200"
-    assert meter.look(LinkStatus(LinkState.CONNECTED, exchanges=9000, crc_errors=200), 20.0) is None
+    assert look(20.0, 9000, 200) is None
 
 
 def test_a_board_that_starts_anew_is_reported_though_nothing_was_jammed() -> None:
     """Not its first start; with its cause, for a minute."""
-    watch = RestartWatch()
-    assert watch.look(LinkStatus(LinkState.SEARCHING), 0.0) is None
-    assert watch.look(LinkStatus(LinkState.CONNECTED, starts=1), 1.0) is None
-    anew = LinkStatus(LinkState.CONNECTED, starts=2, reset_cause=ResetCause.BROWN_OUT)
-    reported = watch.look(anew, 5.0)
-    assert reported is not None
+    watch, anew = LinkWatch(), LinkStatus(LinkState.CONNECTED, starts=2, reset_cause=ResetCause.BROWN_OUT)
+
+    def look(at_s: float, link: LinkStatus = anew) -> Finding | None:
+        watch.count(link, at_s)
+        return watch.restarted
+
+    assert look(0.0, LinkStatus(LinkState.SEARCHING)) is None
+    assert look(1.0, LinkStatus(LinkState.CONNECTED, starts=1)) is None
+    reported = look(5.0)
     assert reported.reason is Reason.BROWN_OUT
     assert "brown-out" in reported.text
-    assert watch.look(anew, 5.0 + RESTART_REPORTED_S - 1.0) is not None
-    assert watch.look(anew, 5.0 + RESTART_REPORTED_S + 1.0) is None
+    assert look(5.0 + RESTART_REPORTED_S - 1.0) is not None
+    assert look(5.0 + RESTART_REPORTED_S + 1.0) is None
 
 
 def test_a_link_that_is_well_asks_for_nothing() -> None:
     """Nothing is failed and nothing acknowledged where nothing is wrong."""
     for jammed in (True, False):
-        verdict = LinkGuard().look(HEALTHY, jammed=jammed)
+        verdict = LinkWatch().look(HEALTHY, jammed=jammed)
         assert verdict.fault is None
         assert not verdict.acknowledge
 

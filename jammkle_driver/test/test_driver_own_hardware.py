@@ -8,16 +8,17 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from fake_ankle import graph_of_its_own
 from std_srvs.srv import Trigger
 
-from driver_graph import Graph, Onlooker
 from jammkle_common import names
-from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from driver_graph import Graph
 
 MODULE = '''
 """Valves that work at once, and a pump that needs none: pressures are what the command says."""
@@ -76,12 +77,9 @@ def installed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with own_domain() as domain_id:
-        graph = Graph(domain_id, Onlooker)
+def graph() -> Iterator[Graph]:
+    with graph_of_its_own() as graph:
         yield graph
-        graph.close()
 
 
 def start(graph: Graph, installed: Path, **parameters: str) -> subprocess.Popen[str]:

@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from fake_ankle import graph_of_its_own
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
@@ -21,11 +22,9 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
-from driver_graph import Graph, Onlooker
 from jammkle_common import names
 from jammkle_common.names import CHANNELS
 from jammkle_common.qos import publisher_qos
-from jammkle_common.testing import own_domain
 from jammkle_driver.core.hardware import ActuatorCommand, released
 from jammkle_driver.fake import FakeFault, LinkFault
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, JamCommand
@@ -34,6 +33,8 @@ from malformed import NAME, NAMES, PASCALS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from driver_graph import Graph
 
 MOST_PA = 70e3
 LEAST_PA = 5e3
@@ -105,13 +106,10 @@ class Asked:
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> Iterator[Asked]:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with own_domain() as domain_id:
-        graph = Graph(domain_id, Onlooker)
+def asked() -> Iterator[Asked]:
+    with graph_of_its_own() as graph:
         made = Asked(graph)
         yield made
-        graph.close()
         vars(made).clear()  # else pytest keeps the node alive
 
 

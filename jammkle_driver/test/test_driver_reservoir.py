@@ -91,7 +91,6 @@ def test_a_leak_is_estimated_with_the_air_of_the_reservoir() -> None:
     bench.driver.jam((), 40e3, "test")
     run(bench, 6.0)
     seen = bench.driver.ankle.leaks.latest
-    assert seen is not None
     assert seen.connected == frozenset(CHANNELS)
     assert seen.conductance_m3_s_pa == pytest.approx(4.0 * 2e-12, rel=0.3)
     assert bench.reported()[0] is Reason.NONE

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, released
+from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_driver.core.requests import RequestError
 from jammkle_driver.core.watch import Instant, Watchdog
 
@@ -69,25 +69,6 @@ def test_a_sensor_that_fails_faults_its_channel_alone(make_rig: Callable[..., An
     rig.measure(0.0, "left")
     assert rig.channel("left").state is ChannelState.UNJAMMED
     assert not rig.driver.command.solenoids["left"]
-
-
-def test_after_an_emergency_stop_nothing_jams_by_itself(make_rig: Callable[..., Any]) -> None:
-    """Stop releases all; false alone frees nothing; after clear_fault a stream that only repeats jams nothing."""
-    rig = make_rig().active()
-    rig.follow(left=50e3)
-    rig.driver.emergency_stop(stop=True, now=rig.now)
-    assert rig.driver.command == released(CHANNELS)
-    with pytest.raises(RequestError, match="still true"):
-        rig.driver.clear_fault(rig.now)
-    rig.driver.emergency_stop(stop=False, now=rig.now)
-    with pytest.raises(RequestError, match="emergency stop"):
-        rig.driver.jam([], 0.0, "t")
-    rig.follow(left=50e3, right=50e3)
-    rig.driver.clear_fault(rig.now)
-    rig.follow(left=50e3, right=50e3)
-    assert rig.driver.command == released(CHANNELS)
-    rig.driver.jam(["left"], 0.0, "t")
-    assert rig.driver.command.solenoids["left"]
 
 
 def test_an_emergency_stop_survives_the_lifecycle(make_rig: Callable[..., Any]) -> None:

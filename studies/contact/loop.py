@@ -126,7 +126,7 @@ class AnkleLoop:
         if states and self._body is not None:
             moves = self._body()
             twist = BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)
-            self._sensed.append(partial(self.controller.on_odometry, twist, time_ns))
+            self._sensed.append(partial(self.controller.take, Received(time_ns, twist)))
         if self._ticks.due(time_ns):
             said, self._said = self._said, None
             asked, self._asked = self._asked, []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.detector import ContactDetector
@@ -19,19 +19,19 @@ from jammkle_controller.core.events import (
 )
 from jammkle_controller.core.imu import Admission, ImuSample, ImuTrouble
 from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rhythm
-from jammkle_controller.core.leg_contact import AnkleReading, LegReading
+from jammkle_controller.core.leg_contact import LegReading
 from jammkle_controller.core.motion import PUT_DOWN_S
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
 from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from jammkle_controller.core.landing import Landing, Stored
+    from jammkle_controller.core.landing import Stored
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.core.reading import Received
     from jammkle_controller.core.stepping import StepRatios
-    from jammkle_controller.parameters import ControllerParameters, PolicyMode
+    from jammkle_controller.parameters import ControllerParameters
 
 FALLING = 0.5
 """Load on the IMU, in units of gravity, below which it falls: efforts that hold a leg up then look like a load."""
@@ -65,6 +65,13 @@ class AnkleController:
 
     Of each change of contact the first report counts: by the IMU, a switch, the load, or the gait's plan. A sensor of
     contact that says otherwise overrules the IMU; a plan says which blows on the body are this foot's.
+
+    Attributes:
+        contact: What was known of contact at the latest sample or input.
+        inputs: What is received beside the IMU.
+        detector: What the IMU shows; its gate and its watch say how the samples are.
+        policy: What is wanted, and what was chosen for the latest landing.
+
     """
 
     def __init__(
@@ -80,39 +87,22 @@ class AnkleController:
         """
         self.inputs = ContactInputs(parameters)
         self.mount = parameters.mount
-        self._detector = ContactDetector(parameters, ratios)
-        self.gate, self.watch = self._detector.gate, self._detector.watch
-        self._policy = JammingPolicy(parameters)
+        self.detector = ContactDetector(parameters, ratios)
+        self.gate, self.watch = self.detector.gate, self.detector.watch
+        self.policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
         self._stance_held = False
         self._believed_before = False
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
-        self._report = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
-        self._takes: Mapping[Input | type, Callable[[Any, int], Reaction]] = {
-            ImuSample: lambda sample, _: self.update(sample),
-            Input.CONTACT_SWITCH: lambda value, time_ns: self.on_switch(closed=bool(value), time_ns=time_ns),
-            Input.PLANNED_CONTACT: lambda value, time_ns: self.on_plan(contact=bool(value), time_ns=time_ns),
-            Input.GAIT_PHASE: self.on_phase,
-            Input.LOAD: self.on_load,
-            AnkleAngles: self.on_angles,
-            AnkleReading: self.on_ankle,
-            LegReading: self.on_leg,
-            LegPose: self.on_pose,
-            BodyTwist: self.on_odometry,
-        }
+        self.contact = ContactReport(Contact.UNKNOWN, "", at_rest=False, since_ns=0)
         if leg is not None:
             self.know(leg)
 
     def know(self, leg: Leg) -> None:
         """Take what the leg is."""
         self.inputs.know(leg)
-        self._detector.set_lever(leg.lever_m)
-
-    @property
-    def contact(self) -> ContactReport:
-        """What was known of contact at the latest sample or input."""
-        return self._report
+        self.detector.set_lever(leg.lever_m)
 
     def set_contact(self, *, stands: bool) -> str:
         """Take from a person that the foot stands, or that it does not, until something else is felt.
@@ -121,17 +111,17 @@ class AnkleController:
             Why it is refused: a sensor of contact says otherwise; empty: it is taken.
 
         """
-        now_ns = self._detector.gate.last_ns or 0
+        now_ns = self.detector.gate.last_ns or 0
         sensor = self.inputs.contact_sensor(now_ns)
         if sensor is not None and self.inputs.measured_contact(now_ns) is not stands:
             return f"{sensor.value} shows that the foot {'does not stand' if stands else 'stands'}"
         self._by_hand, self._stance_held = stands, False
         if stands:
-            self._detector.correct(lifted=False, time_ns=now_ns)
-            self._policy.take_up(Trigger.SHOWN)
+            self.detector.correct(lifted=False, time_ns=now_ns)
+            self.policy.take_up(Trigger.SHOWN)
         else:
-            self._policy.let_go()
-        self._detector.jolt(now_ns)
+            self.policy.let_go()
+        self.detector.jolt(now_ns)
         self._note_contact(now_ns)
         return ""
 
@@ -140,7 +130,7 @@ class AnkleController:
         if self._by_hand is not None:
             self._felt, self._felt_by = (Contact.CONTACT if self._by_hand else Contact.UNKNOWN), "said by ~/set_contact"
             self._by_hand = None
-            self._note_contact(self._detector.gate.last_ns or 0)
+            self._note_contact(self.detector.gate.last_ns or 0)
 
     def inherit_stance(self) -> None:
         """Note that the ankle was held by a controller before this one: hold it too, once the body is seen at rest.
@@ -152,104 +142,80 @@ class AnkleController:
 
     def configure(self, parameters: ControllerParameters) -> None:
         """Take new parameters and go on from the present state."""
-        self._detector.configure(parameters)
-        self._policy.parameters = self.inputs.parameters = parameters
+        self.detector.configure(parameters)
+        self.policy.parameters = self.inputs.parameters = parameters
 
     def on_driver(self, stored: Stored) -> None:
         """Take what the driver says of manifold and reservoir."""
-        self._policy.store(stored)
+        self.policy.stored = stored
 
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
-        gate, before_pa = self._detector.gate, self._policy.set_points_pa
+        gate, before_pa = self.detector.gate, self.policy.set_points_pa
         stamp_before_ns, restarts = gate.last_ns, gate.count(Admission.RESTARTED)
-        self._detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
-        event = self._detector.update(sample, stands=self._report.contact is Contact.CONTACT)
+        self.detector.bear(self.inputs.leg_contact(sample.time_ns), sample.time_ns)
+        event = self.detector.update(sample, stands=self.contact.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
             self._forget_contact()
         if gate.last_ns != stamp_before_ns:
-            self._policy.advance(sample.time_ns)
+            self.policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
         reported = () if event is None or not self._counts(event) else (event,)
         for each in reported:
             self._react(each)
-        if self._detector.phase is Phase.FLIGHT:
-            self._policy.bear(self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2)
-            self._policy.fall(self._detector.flight_began_ns)
-        if self._stance_held and (reported or self._detector.phase is Phase.PLANTED):
+        if self.detector.phase is Phase.FLIGHT:
+            self.policy.borne_kg = self.inputs.usual_load_n / STANDARD_GRAVITY_M_S2
+            self.policy.fall(self.detector.flight_began_ns)
+        if self._stance_held and (reported or self.detector.phase is Phase.PLANTED):
             self._stance_held = False
             if not reported:
-                self._policy.take_up(Trigger.INHERITED)
+                self.policy.take_up(Trigger.INHERITED)
         self._take_up_what_stands(sample.time_ns)
-        self._foresee(sample.time_ns)
+        planned_ns = self.inputs.gait.touchdown_ns(sample.time_ns)
+        foreseen_ns = self._rhythm.touchdown_ns if planned_ns is None else planned_ns
+        if foreseen_ns is not None:
+            self.policy.foresee(foreseen_ns)
         return self._reaction(reported, before_pa, sample.time_ns)
 
     def take(self, received: Received) -> Reaction:
-        """Take whatever is received."""
+        """Take whatever is received, by the time at which it came: an odometry's own stamp is earlier."""
         time_ns, what, value = received
+        inputs, available = self.inputs, self.detector.available
+        if isinstance(what, ImuSample):
+            return self.update(what)
+        if isinstance(what, LegPose):
+            return self._slip(inputs.on_pose(what, time_ns, stands=self._stands(time_ns)), time_ns)
+        if isinstance(what, BodyTwist):
+            return self._slip(inputs.on_odometry(what, time_ns), time_ns)
+        event = None
         if isinstance(what, Input):
-            return self._takes[what](value, time_ns)
-        return self._takes[type(what)](what, time_ns)
-
-    def on_switch(self, *, closed: bool, time_ns: int) -> Reaction:
-        """Take a foot contact switch."""
-        return self._take_event(self.inputs.on_switch(closed=closed, time_ns=time_ns), time_ns)
-
-    def on_plan(self, *, contact: bool, time_ns: int) -> Reaction:
-        """Take whether the gait plans contact now."""
-        return self._take_event(self.inputs.on_plan(contact=contact, time_ns=time_ns), time_ns)
-
-    def on_load(self, load_n: float, time_ns: int) -> Reaction:
-        """Take the load on the foot, N, positive."""
-        return self._take_event(self.inputs.on_load(load_n, time_ns), time_ns)
-
-    def on_phase(self, phase: float, time_ns: int) -> Reaction:
-        """Take the gait's phase, 0 at touch-down to 1 at the next."""
-        return self._take_event(self.inputs.on_phase(phase, time_ns), time_ns)
-
-    def on_angles(self, angles: AnkleAngles, time_ns: int) -> Reaction:
-        """Take roll and pitch of the ankle: they change nothing by themselves."""
-        self.inputs.on_angles(angles, time_ns)
-        return _NOTHING
-
-    def on_leg(self, reading: LegReading, time_ns: int) -> Reaction:
-        """Take angles, rates and efforts of hip and knee."""
-        falls = self._detector.available and self._detector.motion.load < FALLING
-        return self._take_event(self.inputs.on_leg(reading, time_ns, falls=falls), time_ns)
-
-    def on_ankle(self, reading: AnkleReading, time_ns: int) -> Reaction:
-        """Take angles and rates of the ankle.
-
-        In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
-        """
-        event = self.inputs.on_ankle(reading, time_ns)
-        if self._detector.phase is Phase.FLIGHT and self._detector.available:
-            self.inputs.fly()
-            return _NOTHING
+            event = inputs.on_input(what, value, time_ns)
+        elif isinstance(what, AnkleAngles):
+            inputs.on_angles(what, time_ns)
+        elif isinstance(what, LegReading):
+            event = inputs.on_leg(what, time_ns, falls=available and self.detector.motion.load < FALLING)
+        else:
+            event = inputs.on_ankle(what, time_ns)
+            if self.detector.phase is Phase.FLIGHT and available:
+                # In free fall a foot moves as in no swing, and the end of the fall is felt sooner on the IMU.
+                inputs.fly()
+                event = None
         return self._take_event(event, time_ns)
-
-    def on_pose(self, pose: LegPose, time_ns: int) -> Reaction:
-        """Take angles and rates from the body down to the foot."""
-        return self._slip(self.inputs.on_pose(pose, time_ns, stands=self._stands(time_ns)), time_ns)
-
-    def on_odometry(self, twist: BodyTwist, time_ns: int) -> Reaction:
-        """Take how the body moves, as reported at a time; its own stamp is earlier by what the estimator takes."""
-        return self._slip(self.inputs.on_odometry(twist, time_ns), time_ns)
 
     def _stands(self, time_ns: int) -> bool | None:
         """Whether the foot stands: by a sensor of contact, or by an IMU that feels its steps; None: not known."""
         contact = self.inputs.measured_contact(time_ns)
-        if contact is None and self._detector.available and self.feels(Detection.STEP):
-            return self._detector.phase not in (Phase.FLIGHT, Phase.SWING)
+        if contact is None and self.detector.available and self.feels(Detection.STEP):
+            return self.detector.phase not in (Phase.FLIGHT, Phase.SWING)
         return contact
 
     def _slip(self, event: ContactEvent | None, time_ns: int) -> Reaction:
         """React to a slip by odometry."""
-        if event is None or self._detector.phase is Phase.FLIGHT:
+        if event is None or self.detector.phase is Phase.FLIGHT:
             return _NOTHING
-        before_pa = self._policy.set_points_pa
-        self._detector.slide()
+        before_pa = self.policy.set_points_pa
+        self.detector.slide()
         self._react(event)
         return self._reaction((event,), before_pa, time_ns)
 
@@ -257,18 +223,18 @@ class AnkleController:
         if event is None:
             return _NOTHING
         lifted = event.kind is ContactKind.LIFTOFF
-        before_pa = self._policy.set_points_pa
-        off_ground = self._detector.phase in (Phase.FLIGHT, Phase.SWING)
+        before_pa = self.policy.set_points_pa
+        off_ground = self.detector.phase in (Phase.FLIGHT, Phase.SWING)
         plan_only = event.source is Source.GAIT
         # A foot that touches down as planned is felt on foot and shank, where it does, and often not on the body; its
         # ankle's angles and the efforts of its leg feel it wherever the IMU is.
-        feels = self._detector.available and self.feels(Detection.STEP)
+        feels = self.detector.available and self.feels(Detection.STEP)
         feels = feels or self.inputs.leg_contact(time_ns) is not None
         if off_ground is lifted or (plan_only and not lifted and feels):
             return _NOTHING
         if plan_only and lifted and self.inputs.measured_contact(time_ns):
             return _NOTHING
-        self._detector.correct(lifted=lifted, time_ns=time_ns)
+        self.detector.correct(lifted=lifted, time_ns=time_ns)
         self._react(event)
         self._note_contact(time_ns)
         return self._reaction((event,), before_pa, time_ns)
@@ -276,21 +242,21 @@ class AnkleController:
     def _take_up_what_stands(self, time_ns: int) -> None:
         """Hold a stance whose beginning was not felt, and what rests unless something shows that it hangs."""
         self._note_contact(time_ns)
-        report = self._report
-        if self._policy.state is not PolicyState.SWING or not report.bears:
+        report = self.contact
+        if self.policy.state is not PolicyState.SWING or not report.bears:
             return
         shown = report.contact is Contact.CONTACT
         if shown and self._felt is not Contact.CONTACT:
             self._felt, self._felt_by = report.contact, report.shown_by
-        self._detector.correct(lifted=False, time_ns=time_ns)
-        self._policy.take_up(Trigger.SHOWN if shown else Trigger.RESTED)
+        self.detector.correct(lifted=False, time_ns=time_ns)
+        self.policy.take_up(Trigger.SHOWN if shown else Trigger.RESTED)
 
     def _note_contact(self, time_ns: int) -> None:
-        at_rest = self._detector.rested_s >= HELD_REST_S
+        at_rest = self.detector.rested_s >= HELD_REST_S
         contact, shown_by = self._known_contact(time_ns, at_rest=at_rest)
-        before = self._report
+        before = self.contact
         since_ns = before.since_ns if before.contact is contact and before.since_ns <= time_ns else time_ns
-        self._report = ContactReport(contact, shown_by, at_rest=at_rest, since_ns=since_ns)
+        self.contact = ContactReport(contact, shown_by, at_rest=at_rest, since_ns=since_ns)
 
     def _known_contact(self, time_ns: int, *, at_rest: bool) -> tuple[Contact, str]:
         """Return whether the foot stands and what shows it, the surest first."""
@@ -312,10 +278,10 @@ class AnkleController:
             return (Contact.CONTACT if planned else Contact.NO_CONTACT), "the gait's plan, at rest"
         if self._felt is Contact.CONTACT:
             return self._felt, self._felt_by
-        if not any(self._policy.set_points_pa.values()) and self.inputs.shows_angles(time_ns):
+        if not any(self.policy.set_points_pa.values()) and self.inputs.shows_angles(time_ns):
             if self.inputs.deflection_rad(time_ns) > DEFLECTED_RAD:
                 return Contact.CONTACT, "the angle of the soft ankle, at rest"
-            if self._policy.parameters.takes_blows:  # the least load presses toes up
+            if self.policy.parameters.takes_blows:  # the least load presses toes up
                 return Contact.NO_CONTACT, "the angle of the soft ankle, at rest as it hangs"
         return Contact.UNKNOWN, ""
 
@@ -323,9 +289,9 @@ class AnkleController:
         self._felt, self._felt_by = Contact.UNKNOWN, ""
 
     def _reaction(self, events: tuple[ContactEvent, ...], before_pa: Mapping[str, float], time_ns: int) -> Reaction:
-        changed = self._policy.set_points_pa != before_pa
+        changed = self.policy.set_points_pa != before_pa
         if changed:
-            self._detector.jolt(time_ns)
+            self.detector.jolt(time_ns)
         return Reaction(events, changed)
 
     def _counts(self, event: ContactEvent) -> bool:
@@ -334,11 +300,11 @@ class AnkleController:
         contact = self.inputs.measured_contact(event.time_ns)
         if event.kind is ContactKind.SLIP and (contact is False or self.inputs.shows_slips(event.time_ns)):
             return False  # what does not stand does not slide
-        if event.kind is ContactKind.LIFTOFF and self._detector.phase is Phase.FLIGHT:
+        if event.kind is ContactKind.LIFTOFF and self.detector.phase is Phase.FLIGHT:
             self.inputs.fly()
             contact = self.inputs.measured_contact(event.time_ns)
         if event.kind in (ContactKind.LIFTOFF, ContactKind.SWING) and contact:
-            self._detector.correct(lifted=False, time_ns=event.time_ns)
+            self.detector.correct(lifted=False, time_ns=event.time_ns)
             return False
         if (
             touches
@@ -346,8 +312,8 @@ class AnkleController:
             and contact is None
             and self.inputs.is_another_foots(event.time_ns)
         ):
-            if self._policy.state in (PolicyState.SWING, PolicyState.PREPARING):
-                self._detector.correct(lifted=True, time_ns=event.time_ns)
+            if self.policy.state in (PolicyState.SWING, PolicyState.PREPARING):
+                self.detector.correct(lifted=True, time_ns=event.time_ns)
             return False
         return True
 
@@ -356,7 +322,7 @@ class AnkleController:
         if event.kind is ContactKind.SLIP and abs(roll_rad) >= LEANING_RAD:
             # A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
             event = dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))
-        self._policy.react(event)
+        self.policy.react(event)
         contact = _CONTACT_OF.get(event.kind)
         if contact is not None:
             self._by_hand = None
@@ -369,27 +335,21 @@ class AnkleController:
             if event.source is not Source.GAIT:
                 self.inputs.gait.feel(event.time_ns)
 
-    def _foresee(self, time_ns: int) -> None:
-        planned_ns = self.inputs.gait.touchdown_ns(time_ns)
-        foreseen_ns = planned_ns if planned_ns is not None else self._rhythm.touchdown_ns
-        if foreseen_ns is not None:
-            self._policy.foresee(foreseen_ns)
-
     def _look_at_imu(self, time_ns: int) -> None:
         """Fall back where nothing shows contact, and come back where something does."""
-        trouble = self._detector.watch.trouble
+        trouble = self.detector.watch.trouble
         believed = trouble is None
         looked_at = trouble is ImuTrouble.CHECKING and not self._believed_before
         self._believed_before = self._believed_before or believed
         known = believed or looked_at or self.inputs.shows_contact(time_ns)
-        if known and self._policy.state is PolicyState.FAULT:
-            self._policy.regain()
-        elif not known and self._policy.state is not PolicyState.FAULT:
+        if known and self.policy.state is PolicyState.FAULT:
+            self.policy.regain()
+        elif not known and self.policy.state is not PolicyState.FAULT:
             self._rhythm.forget()
             if self._stance_held:  # nobody can see any more that it stands: it was held, and is held on
                 self._stance_held = False
-                self._policy.take_up(Trigger.INHERITED)
-            self._policy.lose()
+                self.policy.take_up(Trigger.INHERITED)
+            self.policy.lose()
             self._forget_contact()
 
     def feels(self, detection: Detection) -> bool:
@@ -397,36 +357,11 @@ class AnkleController:
         return is_felt(self.mount, detection)
 
     @property
-    def phase(self) -> Phase:
-        """What the foot does."""
-        return self._detector.phase
-
-    @property
-    def swing_probability(self) -> float:
-        """Probability that the foot is off the ground."""
-        return self._detector.swing_probability
-
-    @property
-    def state(self) -> PolicyState:
-        """What the policy does."""
-        return self._policy.state
-
-    @property
-    def mode(self) -> PolicyMode:
-        """Whether the policy goes by what is felt, or is a baseline."""
-        return self._policy.parameters.mode
-
-    @property
     def set_points_pa(self) -> Mapping[str, float]:
         """Vacuum wanted per channel, Pa, gauge, positive; 0 is vented."""
-        return self._policy.set_points_pa
-
-    @property
-    def landing(self) -> Landing | None:
-        """What was chosen for the latest landing; None before the first."""
-        return self._policy.landing
+        return self.policy.set_points_pa
 
     @property
     def vacuum_pa(self) -> float:
         """Largest vacuum wanted in any channel, Pa."""
-        return max(self._policy.set_points_pa.values())
+        return max(self.policy.set_points_pa.values())

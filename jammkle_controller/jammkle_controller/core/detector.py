@@ -9,7 +9,7 @@ from jammkle_controller.core.events import M_S2, ContactEvent, ContactKind, Dete
 from jammkle_controller.core.imu import IGNORED, Admission, ImuGate, ImuSample, ImuWatch
 from jammkle_controller.core.motion import Motion, RaiseDetector, RestDetector
 from jammkle_controller.core.slip import SlipDetector
-from jammkle_controller.core.stepping import SteppingFoot
+from jammkle_controller.core.stepping import SteppingFoot, between_s
 
 if TYPE_CHECKING:
     from jammkle_controller.core.motion import Vector
@@ -120,7 +120,7 @@ class ContactDetector:
         """
         self._borne = borne
         hit_ns = self._impact.last_ns
-        hit = hit_ns is not None and time_ns - hit_ns < SEEN_S * NANOSECONDS_PER_SECOND
+        hit = hit_ns is not None and between_s(hit_ns, time_ns) < SEEN_S
         if borne is False and self.phase in (Phase.GROUND, Phase.PLANTED) and not hit:
             self.correct(lifted=True, time_ns=time_ns)
         elif borne and self.phase is Phase.SWING:
@@ -301,7 +301,7 @@ class ContactDetector:
 
     def _come_to_rest(self, sample: ImuSample) -> ContactEvent | None:
         time_ns, _, _, _, x, y, z = sample
-        if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watching and not self._walks(time_ns):
+        if self.phase is Phase.PLANTED and self.foot is None and not self._slip.watches and not self._walks(time_ns):
             self.phase = Phase.GROUND
         if self.phase is Phase.PLANTED:
             return None
@@ -309,7 +309,7 @@ class ContactDetector:
         if rest is None:
             return None
         self.phase = Phase.PLANTED
-        if not self._slip.watching and not self._walks(time_ns):
+        if not self._slip.watches and not self._walks(time_ns):
             self._slip.plant(sample)
         unsettled, self._unsettled = self._unsettled, False
         return rest if unsettled else None
@@ -318,7 +318,7 @@ class ContactDetector:
         """Whether it was hit lately without having flown, so that it may be stepping, and slips are not felt in it."""
         if is_felt(self._parameters.mount, Detection.SLIP_STEPPING):
             return False
-        return self._stepped_ns is not None and time_ns - self._stepped_ns < STEPPING_S * NANOSECONDS_PER_SECOND
+        return self._stepped_ns is not None and between_s(self._stepped_ns, time_ns) < STEPPING_S
 
 
 FOLLOW_TIME_S = 0.02
@@ -396,7 +396,7 @@ class ImpactDetector:
         carried_m_s2 = max(STANDARD_GRAVITY_M_S2, self._level)
         if force_m_s2 - carried_m_s2 <= self.parameters.impact_threshold_m_s2 * (2.0 if disturbed else 1.0):
             return None
-        if self.last_ns is not None and (time_ns - self.last_ns) / NANOSECONDS_PER_SECOND < REFRACTORY_S:
+        if self.last_ns is not None and between_s(self.last_ns, time_ns) < REFRACTORY_S:
             return None
         return self._impact(time_ns, force_m_s2, _GROUND_PROBABILITY)
 
@@ -404,14 +404,8 @@ class ImpactDetector:
         onset_ns = time_ns if self._onset_ns is None else self._onset_ns
         level = self._level if self._onset_ns is None else self._level_before
         self.last_ns = time_ns
-        return ContactEvent(
-            ContactKind.IMPACT,
-            time_ns,
-            force_m_s2 - level,
-            M_S2,
-            (time_ns - onset_ns) / NANOSECONDS_PER_SECOND,
-            probability,
-        )
+        delay_s = between_s(onset_ns, time_ns)
+        return ContactEvent(ContactKind.IMPACT, time_ns, force_m_s2 - level, M_S2, delay_s, probability)
 
 
 FLIGHT_CONFIRM_S = 0.03
@@ -445,7 +439,7 @@ class LiftoffDetector:
             self._since_ns = time_ns
             self._samples = 0
         self._samples += 1
-        lasted_s = (time_ns - self._since_ns) / NANOSECONDS_PER_SECOND
+        lasted_s = between_s(self._since_ns, time_ns)
         if self._samples < LEAST_FLIGHT_SAMPLES or lasted_s < FLIGHT_CONFIRM_S:
             return None
         self._since_ns = None

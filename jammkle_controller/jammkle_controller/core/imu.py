@@ -75,14 +75,14 @@ IGNORED = BAD | {Admission.HELD}
 class StreamCounts:
     """What has come in so far, in samples."""
 
-    usable: int
-    held: int
-    not_finite: int
-    out_of_range: int
-    repeated: int
-    late: int
-    gaps: int
-    restarts: int
+    usable: int = 0
+    held: int = 0
+    not_finite: int = 0
+    out_of_range: int = 0
+    repeated: int = 0
+    late: int = 0
+    gaps: int = 0
+    restarts: int = 0
 
     @property
     def ignored(self) -> int:
@@ -486,8 +486,12 @@ class ImuWatch:
         return ImuTrouble.TURNING if ratio < LEAST_TURN_RATIO else None
 
 
+REMEMBERED_S = 5.0
+"""How long trouble in the stream is reported after it ended, s."""
+
+
 class Freshness:
-    """Watches a count of samples from regular work, so that the samples themselves need not read any clock."""
+    """Watches the counts of samples from regular work, so that the samples themselves need not read any clock."""
 
     def __init__(self, timeout_s: float, now_s: float) -> None:
         """Start watching now.
@@ -498,16 +502,21 @@ class Freshness:
 
         """
         self._timeout_s = timeout_s
-        self._count = 0
+        self._usable = self._troubles = 0
         self._since_s = self._now_s = now_s
+        self._irregular_until_s = 0.0
 
-    def observe(self, count: int, now_s: float) -> None:
-        """Take the number of samples received so far, and the time, s."""
+    def observe(self, counts: StreamCounts, now_s: float) -> None:
+        """Take the samples counted so far, and the time, s."""
         # A simulated clock reads zero until it first ticks: its first value is no lapse of time.
         clock_starts = self._now_s == 0.0 and now_s > 0.0
-        if count != self._count or now_s < self._now_s or clock_starts:
-            self._count = count
+        if counts.usable != self._usable or now_s < self._now_s or clock_starts:
+            self._usable = counts.usable
             self._since_s = now_s
+        troubles = counts.ignored + counts.gaps + counts.restarts
+        if troubles != self._troubles:
+            self._troubles = troubles
+            self._irregular_until_s = now_s + REMEMBERED_S
         self._now_s = now_s
 
     @property
@@ -519,3 +528,8 @@ class Freshness:
     def stale(self) -> bool:
         """Whether samples are missing although time goes on."""
         return self.silent_s > self._timeout_s
+
+    @property
+    def irregular(self) -> bool:
+        """Whether samples were ignored or missing, or the clock was set back, within the last `REMEMBERED_S`."""
+        return self._now_s < self._irregular_until_s

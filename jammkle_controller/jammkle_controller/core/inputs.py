@@ -221,15 +221,15 @@ class ContactInputs:
         """Whether anything beside the IMU shows contact."""
         return self.planned_contact(time_ns) is not None or self.measured_contact(time_ns) is not None
 
-    def on_switch(self, *, closed: bool, time_ns: int) -> ContactEvent | None:
-        """Take a contact switch."""
-        return self._change(Input.CONTACT_SWITCH, time_ns, contact=closed)
+    def on_input(self, which: Input, value: float, time_ns: int) -> ContactEvent | None:
+        """Take the value of a switch, a load or a gait."""
+        if which is Input.LOAD:
+            return self._on_load(value, time_ns)
+        if which is Input.GAIT_PHASE:
+            return self._on_phase(value, time_ns)
+        return self._change(which, time_ns, contact=bool(value))
 
-    def on_plan(self, *, contact: bool, time_ns: int) -> ContactEvent | None:
-        """Take whether the gait plans contact now."""
-        return self._change(Input.PLANNED_CONTACT, time_ns, contact=contact)
-
-    def on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
+    def _on_load(self, load_n: float, time_ns: int) -> ContactEvent | None:
         """Take the load on the foot, N, positive; a leg that hangs on the cell of its rig pulls, without `use_load`."""
         if not math.isfinite(load_n):
             return None
@@ -254,7 +254,7 @@ class ContactInputs:
             return None
         return self._change(Input.LOAD, time_ns, contact=stands)
 
-    def on_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
+    def _on_phase(self, phase: float, time_ns: int) -> ContactEvent | None:
         """Take the gait's phase: 0 at touch-down, 1 at the next.
 
         While the gait says itself when it plans contact, the share of the stride that the foot stands is not asked.
@@ -310,7 +310,7 @@ class ContactInputs:
     def fly(self) -> None:
         """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
         if self._ankle_contact is not None:
-            self._ankle_contact.lift()
+            self._ankle_contact.stands = False
             self._in_contact[Input.ANKLE] = False
 
     def on_ankle(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:

@@ -15,9 +15,9 @@ from collections import deque
 from importlib import resources
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
+from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import CHANGES, NEWTON, RADIAN, ContactEvent, Source
-from jammkle_controller.core.stepping import AS_LIKELY, probability_of
+from jammkle_controller.core.stepping import AS_LIKELY, between_s, probability_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,10 +75,10 @@ class AnkleMotion:
         readings = self._readings
         if readings and readings[-1][0] == time_ns:
             return None
-        if readings and not 0.0 < _between_s(readings[-1][0], time_ns) <= LONGEST_GAP_S:
+        if readings and not 0.0 < between_s(readings[-1][0], time_ns) <= LONGEST_GAP_S:
             readings.clear()
         readings.append((time_ns, reading))
-        while len(readings) > 1 and _between_s(readings[1][0], time_ns) > LAGS_S[-1] - _ROUNDING_S:
+        while len(readings) > 1 and between_s(readings[1][0], time_ns) > LAGS_S[-1] - _ROUNDING_S:
             readings.popleft()
         if len(readings) == 1:
             return None
@@ -94,14 +94,10 @@ class AnkleMotion:
         """Return the youngest readings that are as old as LAGS_S, or the oldest that there is."""
         lagged: list[AnkleReading] = []
         for at_ns, reading in reversed(self._readings):
-            while len(lagged) < len(LAGS_S) and _between_s(at_ns, time_ns) > LAGS_S[len(lagged)] - _ROUNDING_S:
+            while len(lagged) < len(LAGS_S) and between_s(at_ns, time_ns) > LAGS_S[len(lagged)] - _ROUNDING_S:
                 lagged.append(reading)
         oldest = self._readings[0][1]
         return lagged + [oldest] * (len(LAGS_S) - len(lagged))
-
-
-def _between_s(begin_ns: int, end_ns: int) -> float:
-    return (end_ns - begin_ns) / NANOSECONDS_PER_SECOND
 
 
 class StanceTrees:
@@ -151,7 +147,7 @@ class _Decision:
         known, self.stands = self.stands is not None, stands
         if not known:
             return None
-        return _between_s(self._likely_ns, time_ns) if likely is stands else 0.0
+        return between_s(self._likely_ns, time_ns) if likely is stands else 0.0
 
 
 class AnkleContact(_Decision):
@@ -163,10 +159,6 @@ class AnkleContact(_Decision):
         self._motion = AnkleMotion(hang_pitch_rad)
         self._trees = learned_stance()
         self._changed_ns: int | None = None
-
-    def lift(self) -> None:
-        """Take that the foot does not stand: the body falls."""
-        self.stands = False
 
     def update(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
         """Take a reading; return a change of contact since it was first known."""
@@ -184,7 +176,7 @@ class AnkleContact(_Decision):
 
     def _decided(self, stance: float, time_ns: int) -> bool | None:
         """Return whether the foot stands, by the probability that it does; None: that is not said now."""
-        soon = self._changed_ns is not None and 0.0 <= _between_s(self._changed_ns, time_ns) < SOON_S
+        soon = self._changed_ns is not None and 0.0 <= between_s(self._changed_ns, time_ns) < SOON_S
         stands_from, left_from = (STANDS_SOON_FROM, LEFT_SOON_FROM) if soon else (STANDS_FROM, LEFT_FROM)
         if stance > stands_from:
             return True
@@ -257,7 +249,7 @@ class LegLoad:
         before, self._before = self._before, (time_ns, momentum, knee_momentum, pull, knee_pull)
         if before is None:
             return None
-        elapsed_s = (time_ns - before[0]) / NANOSECONDS_PER_SECOND
+        elapsed_s = between_s(before[0], time_ns)
         if not 0.0 < elapsed_s <= LONGEST_S:
             return None
         share = elapsed_s / (elapsed_s + FOLLOW_TIME_S)
@@ -310,7 +302,7 @@ class LoadContact(_Decision):
     def update(self, load_n: float, time_ns: int, *, falls: bool = False) -> ContactEvent | None:
         """Take the load, N, of a body that falls or not; return a change of contact since it was first known."""
         borne_n = 0.0 if falls else load_n
-        elapsed_s = 0.0 if self._time_ns is None else max(0.0, (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND)
+        elapsed_s = 0.0 if self._time_ns is None else max(0.0, between_s(self._time_ns, time_ns))
         if self._time_ns is None:
             self.usual_n = borne_n
         self._time_ns = time_ns

@@ -36,6 +36,11 @@ def combine(p: float, a: Vector, q: float, b: Vector) -> Vector:
     return (p * a[0] + q * b[0], p * a[1] + q * b[1], p * a[2] + q * b[2])
 
 
+def scaled(p: float, a: Vector) -> Vector:
+    """Return p a."""
+    return (p * a[0], p * a[1], p * a[2])
+
+
 def towards(a: Vector, b: Vector, share: float) -> Vector:
     """Return the vector that is a share of the way from a to b."""
     return (a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share, a[2] + (b[2] - a[2]) * share)

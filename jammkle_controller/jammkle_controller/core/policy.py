@@ -166,6 +166,8 @@ class JammingPolicy:
         parameters: Of the node.
         state: What it does.
         landing: What was chosen for the latest landing; None before the first.
+        borne_kg: What the foot is measured to bear; it counts if it is more than `load_kg` of the parameters.
+        stored: What the driver says of manifold and reservoir.
 
     """
 
@@ -182,8 +184,8 @@ class JammingPolicy:
         self._chosen_pa: Mapping[str, float] = dict.fromkeys(CHANNELS, 0.0)
         self._begun_ns: int | None = None
         self._given_up_ns: int | None = None
-        self._load_kg = 0.0
-        self._stored = Stored()
+        self.borne_kg = 0.0
+        self.stored = Stored()
         self.landing: Landing | None = None
 
     @property
@@ -252,30 +254,21 @@ class JammingPolicy:
         if self.state is not PolicyState.PREPARING:
             self._touchdown_ns = touchdown_ns
 
-    def bear(self, load_kg: float) -> None:
-        """Take what the foot is measured to bear, kg; it counts if it is more than `load_kg`."""
-        self._load_kg = load_kg
-
-    def store(self, stored: Stored) -> None:
-        """Take what the driver says of manifold and reservoir."""
-        self._stored = stored
-
     def fall(self, begin_ns: int) -> None:
         """Take that the body has been falling freely since a time, ns: no plan counts until it lands."""
         parameters = self.parameters
         if self._fall is None and parameters.takes_blows and self.state in (PolicyState.SWING, PolicyState.PREPARING):
-            mass_kg, travel = max(parameters.load_kg, self._load_kg), parameters.landing_travel_m
+            mass_kg, travel = max(parameters.load_kg, self.borne_kg), parameters.landing_travel_m
             self._fall = Fall(begin_ns, mass_kg, travel, parameters.full_vacuum_pa, self._air(self._braced))
 
     @property
     def _braced(self) -> tuple[str, ...]:
         """Channels that are evacuated for the landing of a fall."""
-        stored = self._stored
-        full = stored.reservoir_m3 > 0.0 and stored.vacuum_pa >= self.parameters.hold_vacuum_pa
+        full = self.stored.reservoir_m3 > 0.0 and self.stored.vacuum_pa >= self.parameters.hold_vacuum_pa
         return (ACHILLES,) if full else CHANNELS
 
     def _air(self, channels: tuple[str, ...]) -> Evacuation:
-        return Evacuation.of(self._stored, achilles_alone=channels == (ACHILLES,))
+        return Evacuation.of(self.stored, achilles_alone=channels == (ACHILLES,))
 
     def _brace(self, fall: Fall, time_ns: int) -> None:
         """Begin to evacuate, or go for more, as the fall asks for it."""

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_controller.core.events import M_S, ContactEvent, ContactKind, Source
-from jammkle_controller.core.motion import ZERO, Vector, combine, cross, dot, towards, turned
-from jammkle_controller.core.stepping import probability_of
+from jammkle_controller.core.motion import ZERO, at_lever, combine, cross, dot, integrated, scaled, towards, turned
+from jammkle_controller.core.stepping import between_s, probability_of
 
 if TYPE_CHECKING:
     from jammkle_controller.core.imu import ImuSample
     from jammkle_controller.core.leg import Leg
-    from jammkle_controller.core.motion import Motion
+    from jammkle_controller.core.motion import Motion, Vector
     from jammkle_controller.parameters import ControllerParameters
+
+    _Frame = tuple[Vector, Vector, Vector]
 
 TREND_TIME_S = 0.015
 """Time constant of the trend that a step is measured against, s. A sway of amplitude a at f Hz deviates from its own
@@ -82,20 +84,17 @@ class SlipDetector:
         self.parameters = parameters
         self.lever_m = ZERO
         """From the IMU to the sole in the IMU's frame, m: turning about the sole is then no sliding."""
+        self.watches = False
+        """Whether the foot has stood, so that any sliding from there is seen."""
         self._spread = 0.0
         self.release()
-
-    @property
-    def watching(self) -> bool:
-        """Whether the foot has stood, so that any sliding from there is seen."""
-        return self._stood
 
     def plant(self, sample: ImuSample) -> None:
         """Begin to watch: the foot rests, so `sample` shows gravity."""
         force = (sample.force_x, sample.force_y, sample.force_z)
         self._once = self._twice = self._steady = force
         self._spread = 0.0
-        self._stood = True
+        self.watches = True
         self._landed_ns: int | None = None
         self._forget_step()
 
@@ -107,7 +106,7 @@ class SlipDetector:
     def release(self) -> None:
         """Stop watching: the foot is off the ground."""
         self._once = self._twice = self._steady = ZERO
-        self._stood = False
+        self.watches = False
         self._landed_ns = None
         self._forget_step()
 
@@ -134,7 +133,7 @@ class SlipDetector:
         if motion.force_m_s2 < LOADED_M_S2:
             self._forget_step()
             return None
-        if self._stood:
+        if self.watches:
             return self._after_rest(sample, interval_s, motion, disturbed=disturbed)
         if self._landed_ns is not None:
             return self._after_landing(sample, interval_s, motion)
@@ -166,9 +165,8 @@ class SlipDetector:
         onset_ns = self._onset_ns or sample.time_ns
         # The level before the step turns against the body, r' = -w x r: a body that tilts does not slide.
         self._level = turned(self._level, sample, interval_s)
-        excess = (sample.force_x - self._level[0], sample.force_y - self._level[1], sample.force_z - self._level[2])
-        self._integrate(sample, interval_s, excess)
-        lasted_s = (sample.time_ns - onset_ns) / NANOSECONDS_PER_SECOND
+        self._integrate(sample, interval_s, self._level)
+        lasted_s = between_s(onset_ns, sample.time_ns)
         sole = self._sole_velocity()
         speed = math.sqrt(dot(sole, sole))
         if lasted_s < STEADY_TIME_S:
@@ -184,7 +182,7 @@ class SlipDetector:
 
     def _after_landing(self, sample: ImuSample, interval_s: float, motion: Motion) -> ContactEvent | None:
         landed_ns = self._landed_ns or 0
-        since_s = (sample.time_ns - landed_ns) / NANOSECONDS_PER_SECOND
+        since_s = between_s(landed_ns, sample.time_ns)
         if since_s < RINGING_S:
             return None
         if since_s > LANDED_S:
@@ -192,27 +190,19 @@ class SlipDetector:
             return None
         gravity = motion.gravity
         up_squared = dot(gravity, gravity) or 1.0
-        excess = (sample.force_x - gravity[0], sample.force_y - gravity[1], sample.force_z - gravity[2])
-        along = dot(excess, gravity) / up_squared
-        level = combine(1.0, excess, -along, gravity)
+        upright = dot((sample.force_x, sample.force_y, sample.force_z), gravity) / up_squared
         if self._onset_ns is None:
             self._onset_ns = sample.time_ns
-        self._integrate(sample, interval_s, level)
+        self._integrate(sample, interval_s, scaled(upright, gravity))  # what goes along the ground is left
         sole = self._sole_velocity()
         speed = math.sqrt(dot(sole, sole))
         return self._told(sample.time_ns, self._onset_ns, speed, sole, motion, LANDED_SPEED_M_S)
 
-    def _integrate(self, sample: ImuSample, interval_s: float, excess: Vector) -> None:
-        rate = (sample.rate_x, sample.rate_y, sample.rate_z)
-        across = cross(self._velocity, rate)
+    def _integrate(self, sample: ImuSample, interval_s: float, level: Vector) -> None:
+        """Take the next sample into the speed: what its specific force is beyond the level, and how it turns."""
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
-        vx, vy, vz = self._velocity
-        self._velocity = (
-            keep * (vx + interval_s * (across[0] + excess[0])),
-            keep * (vy + interval_s * (across[1] + excess[1])),
-            keep * (vz + interval_s * (across[2] + excess[2])),
-        )
-        self._turn_speed = cross(rate, self.lever_m)
+        self._velocity = scaled(keep, integrated(self._velocity, level, sample, interval_s))
+        self._turn_speed = at_lever(ZERO, self.lever_m, sample)
         if self._begun_turn is None:
             self._begun_turn = self._turn_speed
 
@@ -227,25 +217,18 @@ class SlipDetector:
         up = dot(sole, gravity) / (math.sqrt(dot(gravity, gravity)) or 1.0)
         if speed <= limit_m_s or up > UPWARD * speed:
             return None
-        self._stood = False
+        self.watches = False
         self._landed_ns = None
         self._onset_ns = None
-        return ContactEvent(
-            ContactKind.SLIP,
-            time_ns,
-            speed,
-            M_S,
-            (time_ns - onset_ns) / NANOSECONDS_PER_SECOND,
-            probability_of(1.0 + 2.0 * (speed / limit_m_s - 1.0)),
-            direction=(sole[0] / speed, sole[1] / speed, sole[2] / speed),
-        )
+        delay_s, probability = between_s(onset_ns, time_ns), probability_of(1.0 + 2.0 * (speed / limit_m_s - 1.0))
+        direction = scaled(1.0 / speed, sole)
+        return ContactEvent(ContactKind.SLIP, time_ns, speed, M_S, delay_s, probability, direction=direction)
 
 
 LEVEL_M = 0.003
 """Corners of the sole that are higher than the lowest one by this count by 1/e, m: a body that is 0.03 rad (1.7 deg)
 off the ground's own slope sees those of a foot of 0.1 m so far apart."""
 
-_Frame = tuple[Vector, Vector, Vector]
 _X, _Y, _Z = 0, 1, 2
 _UPRIGHT: _Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -299,7 +282,7 @@ def sole_velocity_m_s(leg: Leg, pose: LegPose, twist: BodyTwist) -> Vector:
     ):
         frame = _turned(frame, axis, angle_rad)
         turning = combine(1.0, turning, rate_rad_s, frame[axis])
-        link = combine(length_m, frame[along], 0.0, ZERO)
+        link = scaled(length_m, frame[along])
         speed = combine(1.0, speed, 1.0, cross(turning, link))
     if not math.isfinite(sum((*pose[3:6], *pose[9:12]))):
         return speed
@@ -460,7 +443,7 @@ class SoleSlip:
             return None
         before_ns, self.paired_ns = self.paired_ns, twist.time_ns
         self.counts.used += 1
-        elapsed_s = 0.0 if before_ns is None else (twist.time_ns - before_ns) / NANOSECONDS_PER_SECOND
+        elapsed_s = 0.0 if before_ns is None else between_s(before_ns, twist.time_ns)
         if not stands or not 0.0 < elapsed_s <= LONGEST_S:
             self._rest()
             return None
@@ -495,9 +478,9 @@ class SoleSlip:
         if size_m * share <= max(LEAST_WAY_M, noise_way_m(spread_m_s, elapsed_s)):
             return None
         self._slides = True
-        gone_s = (stamp_ns - self._since_ns) / NANOSECONDS_PER_SECOND
+        gone_s = between_s(self._since_ns, stamp_ns)
         gone_m = math.hypot(*self._gone_m)
-        delay_s = (time_ns - self._since_ns) / NANOSECONDS_PER_SECOND
+        delay_s = between_s(self._since_ns, time_ns)
         direction = (way_m[0] / size_m, way_m[1] / size_m, 0.0)
         return ContactEvent(
             ContactKind.SLIP, time_ns, gone_m / gone_s, M_S, delay_s, PROBABILITY, Source.ODOMETRY, direction

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.events import M_S, M_S2, ContactEvent, ContactKind
-from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated
+from jammkle_controller.core.motion import ZERO, at_lever, dot, integrated, scaled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -52,6 +52,11 @@ class DensityRatio:
         return min(LARGEST_LOG_ODDS, max(-LARGEST_LOG_ODDS, total))
 
 
+def between_s(begin_ns: int, end_ns: int) -> float:
+    """Return the time between two stamps, s."""
+    return (end_ns - begin_ns) / NANOSECONDS_PER_SECOND
+
+
 def probability_of(log_odds: float) -> float:
     """Return the probability, 0 to 1, of odds given by their logarithm."""
     return 1.0 / (1.0 + math.exp(-log_odds))
@@ -73,7 +78,7 @@ def learned(mount: str) -> StepRatios:
         KeyError: there are none for that place.
 
     """
-    return ratios_of(_entries(), mount)
+    return ratios_of(json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text()), mount)
 
 
 def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatios:
@@ -83,15 +88,9 @@ def ratios_of(entries: Mapping[str, Mapping[str, Any]], mount: str) -> StepRatio
         KeyError: there are none for that place.
 
     """
-    return StepRatios(*(_ratio(entries[f"{what}_{mount}"]) for what in ("swing", "touchdown", "slide")))
-
-
-def _entries() -> Any:
-    return json.loads(resources.files(__package__).joinpath(WEIGHTS_FILE).read_text())
-
-
-def _ratio(entry: Mapping[str, Any]) -> DensityRatio:
-    return DensityRatio(*(entry[each.name] for each in dataclasses.fields(DensityRatio)))
+    fields = [each.name for each in dataclasses.fields(DensityRatio)]
+    named = (entries[f"{what}_{mount}"] for what in ("swing", "touchdown", "slide"))
+    return StepRatios(*(DensityRatio(*(entry[name] for name in fields)) for entry in named))
 
 
 EVIDENCE_TIME_S = 0.02
@@ -188,17 +187,9 @@ class TouchdownDetector:
         probability = probability_of(self._ratio.log_odds(motion.blow_features(swung_s)))
         if probability < TOUCHDOWN_PROBABILITY:
             return None
-        onset_ns = time_ns if self._onset_ns is None else self._onset_ns
-        size = motion.sharp_m_s2
-        return ContactEvent(
-            ContactKind.IMPACT,
-            time_ns,
-            size,
-            M_S2,
-            (time_ns - onset_ns) / NANOSECONDS_PER_SECOND,
-            probability,
-            direction=(motion.sharp[0] / size, motion.sharp[1] / size, motion.sharp[2] / size),
-        )
+        delay_s = 0.0 if self._onset_ns is None else between_s(self._onset_ns, time_ns)
+        size, direction = motion.sharp_m_s2, scaled(1.0 / motion.sharp_m_s2, motion.sharp)
+        return ContactEvent(ContactKind.IMPACT, time_ns, size, M_S2, delay_s, probability, direction=direction)
 
 
 LEAK_TIME_S = 0.15
@@ -278,12 +269,10 @@ class SoleFilter:
             self._velocity = ZERO
             self._known_ns = sample.time_ns
         keep = LEAK_TIME_S / (interval_s + LEAK_TIME_S)
-        vx, vy, vz = integrated(self._velocity, motion.gravity, sample, interval_s)
-        self._velocity = (keep * vx, keep * vy, keep * vz)
+        self._velocity = scaled(keep, integrated(self._velocity, motion.gravity, sample, interval_s))
         sole = at_lever(self._velocity, self.lever_m, sample)
         self.speed_m_s = speed = math.sqrt(dot(sole, sole))
-        scale = 1.0 / (speed + 1e-9)
-        self.direction = (sole[0] * scale, sole[1] * scale, sole[2] * scale)
+        self.direction = scaled(1.0 / (speed + 1e-9), sole)
         self.upward = dot(self.direction, motion.gravity) / (math.sqrt(dot(motion.gravity, motion.gravity)) or 1.0)
 
     def features(self, time_ns: int, motion: Motion, swing: float) -> tuple[float, ...]:
@@ -298,7 +287,7 @@ class SoleFilter:
             math.log10(_SPEED_FLOOR_M_S + self.speed_m_s),
             self.upward,
             math.log(swing / (1.0 - swing)),
-            min(_LONGEST_S, (time_ns - self._landed_ns) / NANOSECONDS_PER_SECOND),
+            min(_LONGEST_S, between_s(self._landed_ns, time_ns)),
         )
 
     def update(self, time_ns: int, interval_s: float, motion: Motion, swing: float) -> float:
@@ -364,10 +353,10 @@ class SteppingFoot:
             self._rising_since_ns = None
         elif self._rising_since_ns is None:
             self._rising_since_ns = time_ns
-        rebounds = landed_ns is not None and _since_s(landed_ns, time_ns) < REBOUND_S
+        rebounds = landed_ns is not None and between_s(landed_ns, time_ns) < REBOUND_S
         if swing < self.parameters.swing_probability or rebounds:
             return None
-        rising_s = 0.0 if self._rising_since_ns is None else _since_s(self._rising_since_ns, time_ns)
+        rising_s = 0.0 if self._rising_since_ns is None else between_s(self._rising_since_ns, time_ns)
         return ContactEvent(ContactKind.LIFTOFF, time_ns, motion.force_m_s2, M_S2, rising_s, swing)
 
     def leave(self, time_ns: int) -> None:
@@ -384,7 +373,7 @@ class SteppingFoot:
 
     def blow(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return the touch-down of a foot that swings when it is hit."""
-        return self._touchdown.in_swing(time_ns, motion, _since_s(self._swing_since_ns, time_ns))
+        return self._touchdown.in_swing(time_ns, motion, between_s(self._swing_since_ns, time_ns))
 
     def stands(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return the touch-down of a foot that swung, reported late: it stands, though nothing hit it.
@@ -393,14 +382,14 @@ class SteppingFoot:
         DWELL_TIME_S, a whole swing, is it taken not to have left.
         """
         swing = self.swing.probability
-        waits = self._stood_on and not self._swing_reported and _since_s(self._swing_since_ns, time_ns) < DWELL_TIME_S
+        waits = self._stood_on and not self._swing_reported and between_s(self._swing_since_ns, time_ns) < DWELL_TIME_S
         if swing >= STANCE_PROBABILITY or waits:
             return None
         return ContactEvent(ContactKind.IMPACT, time_ns, motion.sharp_m_s2, M_S2, 0.0, 1.0 - swing, is_felt=False)
 
     def swinging(self, time_ns: int, motion: Motion) -> ContactEvent | None:
         """Return once per swing that the foot swings freely."""
-        swing, swung_s = self.swing.probability, _since_s(self._swing_since_ns, time_ns)
+        swing, swung_s = self.swing.probability, between_s(self._swing_since_ns, time_ns)
         if self._swing_reported or swing < SURE_SWING or swung_s < SURE_SWING_S:
             return None
         self._swing_reported = True
@@ -427,11 +416,7 @@ class SteppingFoot:
             self._sliding &= probability > 1.0 - least
             return None
         self._sliding = True
-        since_s = _since_s(self._slide_since_ns, time_ns)
+        slid_s = between_s(self._slide_since_ns, time_ns)
         return ContactEvent(
-            ContactKind.SLIP, time_ns, sole.speed_m_s, M_S, since_s, probability, direction=sole.direction
+            ContactKind.SLIP, time_ns, sole.speed_m_s, M_S, slid_s, probability, direction=sole.direction
         )
-
-
-def _since_s(begin_ns: int, time_ns: int) -> float:
-    return (time_ns - begin_ns) / NANOSECONDS_PER_SECOND

@@ -40,7 +40,7 @@ _UPTIME_SIZE_S = 2**32 / 1000.0
 
 
 class BoardLink:
-    """Talks to one board from a thread of its own."""
+    """Talks to one board from a thread of its own; `status` is what is known of the link now."""
 
     def __init__(self, port: str, wiring: Wiring, safe_state: str, on_exchange: Callable[[Exchange], None]) -> None:
         """Start to look for the board, whose `safe_state` is to be `vent` or `hold`.
@@ -64,17 +64,12 @@ class BoardLink:
         self._latched: frozenset[SafeCause] = frozenset()
         self._cycled_s: float | None = None
         self._cycle_s: float | None = None
-        self._status = LinkStatus(LinkState.SEARCHING, f"looking for a board at {port}")
+        self.status = LinkStatus(LinkState.SEARCHING, f"looking for a board at {port}")
         self._lock = threading.Lock()
         self._loop = asyncio.new_event_loop()
         self._wake = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="board link", daemon=True)
         self._thread.start()
-
-    @property
-    def status(self) -> LinkStatus:
-        """What is known of the link now."""
-        return self._status
 
     def apply(self, command: ActuatorCommand) -> None:
         """Pass on a command from now on, for as long as it is repeated; a change goes out at once."""
@@ -92,7 +87,7 @@ class BoardLink:
         """
         with self._lock:
             self._acknowledges = True
-            self._status = replace(self._status, latched=frozenset())
+            self.status = replace(self.status, latched=frozenset())
         self._nudge()
 
     def close(self) -> None:
@@ -105,7 +100,7 @@ class BoardLink:
         with self._lock:
             if self._acknowledges and "latched" in changes:
                 changes["latched"] = frozenset()  # read before the acknowledgement went out
-            self._status = replace(self._status, **changes)
+            self.status = replace(self.status, **changes)
 
     def _nudge(self) -> None:
         with contextlib.suppress(RuntimeError):  # the thread has ended
@@ -126,11 +121,11 @@ class BoardLink:
     async def _talk(self) -> None:
         pause_s = _FIRST_PAUSE_S
         while not self._stops:
-            connects = self._status.connects
+            connects = self.status.connects
             why = await self._talk_once()
             if self._stops:
                 return
-            if self._status.connects > connects:
+            if self.status.connects > connects:
                 pause_s = _FIRST_PAUSE_S
             self._line.let_go()
             self._lost(f"{why}; trying again every {pause_s:g} s")
@@ -212,10 +207,10 @@ class BoardLink:
     def _connected(self, said: str) -> None:
         self._failed_in_a_row = 0
         self._acknowledges = False  # of what was latched before; what is latched now nobody has seen yet
-        self._update(state=LinkState.CONNECTED, detail=said, connects=self._status.connects + 1)
+        self._update(state=LinkState.CONNECTED, detail=said, connects=self.status.connects + 1)
 
     def _lost(self, why: str) -> None:
-        found = self._status.connects > 0
+        found = self.status.connects > 0
         self._update(state=LinkState.LOST if found else LinkState.SEARCHING, detail=why)
         self._cycled_s = self._cycle_s = self._unanswered_s = None
         self._count()
@@ -237,7 +232,7 @@ class BoardLink:
             at_board = (state.crc_errors - self._board_crc_errors) % _COUNTER_SIZE
         self._board_crc_errors = state.crc_errors
         self._update(
-            starts=self._status.starts + started,
+            starts=self.status.starts + started,
             reset_cause=state.reset_cause,
             latched=exchange.latched,
             faults=state.faults,

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_driver.core.air import AirSettings, Array
-    from jammkle_driver.core.hypotheses import Hypothesis
 
     Flags = NDArray[np.bool_]
 
@@ -187,6 +186,7 @@ class FilterBank:
 
     Attributes:
         scoring: How readings count.
+        hypotheses: The healthy ankle, and then everything that may have failed.
         scores: What each hypothesis has gained over the healthy ankle, nats.
         changes_while_stuck: How often the reading has changed that a hypothesis takes for stuck, since it last began.
 
@@ -198,6 +198,7 @@ class FilterBank:
         self.scoring = Scoring()
         self._spread = Spread()
         self._tables = Tables(air, self._spread)
+        self.hypotheses = self._tables.hypotheses
         self._layout = self._tables.layout
         self._per_volume = into = 1.0 / np.array(air.volumes_m3)  # pressure rate per flow, 1/m^3
         self._drifting = tuple(np.array(self._tables.drifting).T)  # hypotheses, and the offset that drifts in each
@@ -212,11 +213,6 @@ class FilterBank:
         self._every = np.arange(self._layout.size)
         self.leave_out(())
         self.reset(ambient_pa)
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """The healthy ankle, and then everything that may have failed."""
-        return self._tables.hypotheses
 
     def reset(self, ambient_pa: float) -> None:
         """Begin anew, vented at `ambient_pa`, Pa, or at what the first readings say."""

@@ -11,9 +11,6 @@ from jammkle_driver.core.faults import Finding, Reason, finding
 if TYPE_CHECKING:
     from jammkle_driver.parameters import DriverParameters
 
-_LONGEST_STEP_S = 0.1
-"""Longest time for which one sample counts, s: what a driver that stood still has missed, it has not seen. Assumed."""
-
 
 class ChannelState(enum.Enum):
     """What a channel is doing; values as in jammkle_msgs/ChannelJamState."""
@@ -109,13 +106,12 @@ class Channel:
         self.why = why
 
     def measure(self, vacuum_pa: float, elapsed_s: float) -> None:
-        """Take a measurement of `vacuum_pa` Pa, `elapsed_s` s after the one before (0 for the first)."""
+        """Take a measurement of `vacuum_pa` Pa, which counts for `elapsed_s` s; 0 for the first."""
         if self.vacuum_pa is None and self.state is ChannelState.UNKNOWN and self._enabled:
             self.why = replace(self.why, text="")
         self.vacuum_pa = vacuum_pa
-        passed_s = min(elapsed_s, _LONGEST_STEP_S)
-        self._in_state_s += passed_s
-        self._missed_s += passed_s
+        self._in_state_s += elapsed_s
+        self._missed_s += elapsed_s
         self._follow()
         if self.set_point_pa == 0.0 or self._held or self.state is ChannelState.JAMMED:
             self._missed_s = 0.0

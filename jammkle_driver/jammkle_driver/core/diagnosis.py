@@ -75,16 +75,12 @@ class Evidence:
     def clear(self) -> None:
         """Forget all readings and commands; what comes now begins anew."""
         self._driven: deque[tuple[float, ActuatorCommand]] = deque()
-        self._until_s = -math.inf
+        self.acknowledged_s = -math.inf
+        """Stamp up to which the hardware has said what it drove, s; minus infinity if it has said nothing."""
         self._holes: deque[tuple[float, float]] = deque()
         self._waiting: dict[float, dict[str, float]] = {}
         self._last_s = -math.inf
         self._silent_sets = dict.fromkeys(self._places, 0)
-
-    @property
-    def acknowledged_s(self) -> float:
-        """Stamp up to which the hardware has said what it drove, s; minus infinity if it has said nothing."""
-        return self._until_s
 
     def command(self, command: ActuatorCommand, stamp_s: float) -> None:
         """Note what the hardware is commanded from `stamp_s` on, s; counts only where it acknowledges nothing."""
@@ -93,12 +89,12 @@ class Evidence:
 
     def acknowledge(self, command: ActuatorCommand, stamp_s: float) -> None:
         """Note what the hardware says that it drives, from `stamp_s` on or still then, s."""
-        if not self._acknowledged or stamp_s < self._until_s:  # its first one, or a clock that was set back
+        if not self._acknowledged or stamp_s < self.acknowledged_s:  # its first one, or a clock that was set back
             self._acknowledged = True
             self.clear()
-        elif stamp_s - self._until_s > LONGEST_UNKNOWN_S:
-            self._holes.append((self._until_s, stamp_s))
-        self._until_s = stamp_s
+        elif stamp_s - self.acknowledged_s > LONGEST_UNKNOWN_S:
+            self._holes.append((self.acknowledged_s, stamp_s))
+        self.acknowledged_s = stamp_s
         self._drive(command, stamp_s)
 
     def read(self, place: str, pressure_pa: float, stamp_s: float) -> None:
@@ -114,7 +110,7 @@ class Evidence:
         """Yield, in order, the moments that are complete, and for which it is known what was driven."""
         while self._waiting:
             oldest_s = min(self._waiting)
-            if self._acknowledged and oldest_s > self._until_s:
+            if self._acknowledged and oldest_s > self.acknowledged_s:
                 return
             expected = sum(1 for silent in self._silent_sets.values() if silent <= 2 * LATE_SETS)
             if len(self._waiting[oldest_s]) < expected and len(self._waiting) <= LATE_SETS:

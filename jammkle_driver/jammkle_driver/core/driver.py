@@ -24,12 +24,11 @@ from jammkle_driver.core.requests import (
 )
 from jammkle_driver.core.watch import (
     BOARD,
-    LinkGuard,
-    NoiseMeter,
+    LinkWatch,
     OverloadWatch,
-    RestartWatch,
     SensorWatch,
     link_numbers,
+    silence_allowed,
 )
 from jammkle_driver.parameters import TICK_PERIOD_S
 
@@ -64,8 +63,7 @@ class Driver:
         stop: The emergency stop, with its reason and its publishers.
         streams: Who publishes set points.
         own_pace: Whether the driver itself keeps up.
-        line_noise: What is wrong with the line to the board; None where nothing is.
-        restarted: That the board has started anew a while ago; None where it has not.
+        link_watch: What is wrong with the line and the board behind it; its noise and starts are reported alone.
     """
 
     def __init__(self, channels: Sequence[str], parameters: DriverParameters) -> None:
@@ -77,18 +75,12 @@ class Driver:
         self._sensors = SensorWatch(self._names, parameters.pressure_timeout_s, TICK_PERIOD_S)
         self.stop = EmergencyStop(parameters.emergency_stop_timeout_s)
         self.own_pace = OverloadWatch(TICK_PERIOD_S)
-        self._link_guard = LinkGuard()
-        self._noise = NoiseMeter()
-        self._restarts = RestartWatch()
+        self.link_watch = LinkWatch()
         self._ticked_s: float | None = None
         self.active = False
         self._stopped = False
         self._board_waits = False
         self._link = LinkStatus(LinkState.SEARCHING)
-        self._plant_restarts = 0
-        self._plant_paused = False
-        self.line_noise: Finding | None = None
-        self.restarted: Finding | None = None
 
     @property
     def command(self) -> ActuatorCommand:
@@ -136,7 +128,7 @@ class Driver:
         """Be as new, inactive; only an emergency stop stays."""
         self.ankle.reset()
         self._sensors.forget()
-        self._link_guard = LinkGuard()
+        self.link_watch.clear()
         self.deactivate()
 
     def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
@@ -269,12 +261,12 @@ class Driver:
         if cleared:
             self.ankle.clear(tuple(self.ankle.channels.values()) if was_stopped else faulty)
         self._stopped = False
-        self._link_guard.clear()
+        self.link_watch.clear()
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
         """Take a pressure sample. One that is not a finite number, or of a plant that is paused, is ignored."""
-        valid = math.isfinite(sample.pressure_pa) and not self._plant_paused
+        valid = math.isfinite(sample.pressure_pa) and not self._link.paused
         self._sensors.take(sample.place, valid=valid)
         if not valid:
             return
@@ -293,14 +285,12 @@ class Driver:
         Fail, or let go, with a board that does not answer or has let go by itself. While a board that had let go has
         not yet taken the release nothing jams; a stream's set point then counts.
         """
-        self._link = link
-        if link.plant_restarts != self._plant_restarts:
-            self._plant_restarts = link.plant_restarts
+        before, self._link = self._link, link
+        if link.plant_restarts != before.plant_restarts:
             self.ankle.begin_anew(now)
-        if link.paused != self._plant_paused:
-            self._plant_paused = link.paused
+        if link.paused != before.paused:
             self.ankle.judge_from_now_on(now)
-        verdict = self._link_guard.look(link, jammed=self.ankle.jammed)
+        verdict = self.link_watch.look(link, jammed=self.ankle.jammed)
         self._board_waits = verdict.wait
         if verdict.fault is not None or verdict.wait:  # it did something else than it was commanded
             self.ankle.judge_from_now_on(now)
@@ -314,11 +304,6 @@ class Driver:
             self._forget_pressures()
         return verdict.acknowledge
 
-    def watch_link(self, link: LinkStatus, now: Instant) -> None:
-        """Count wrong check sums and the board's starts, several times a second; reported, and nothing is let go."""
-        self.line_noise = self._noise.look(link, now.steady_s)
-        self.restarted = self._restarts.look(link, now.steady_s)
-
     def follow_another_clock(self) -> None:
         """Forget when regular work was done last: the steady time of the next tick is of another clock."""
         self.own_pace = OverloadWatch(TICK_PERIOD_S)
@@ -330,7 +315,7 @@ class Driver:
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
         self._ticked_s = now.graph_s
-        self._sensors.tick(0.0 if self._plant_paused else passed_s, asked=self._link.exchanges > 0)
+        self._sensors.tick(0.0 if self._link.paused else passed_s, asked=self._link.exchanges > 0)
         stood_s = self.own_pace.tick(now.steady_s)
         if stood_s > 0.0:
             # Who stood still has received nothing, and nobody is to blame for that.
@@ -343,7 +328,9 @@ class Driver:
         for name in self.streams.fall_silent(now):
             verb = "held" if self.parameters.holds else "unjammed"
             text = f"{verb}: no accepted jam_command for {self.streams.timeout_s:g} s (command_timeout_s)"
-            self.ankle.let_go((name,), Finding(Reason.COMMANDS_STALE, name, text, self.streams.values))
+            self.ankle.let_go(
+                (name,), Finding(Reason.COMMANDS_STALE, name, text, silence_allowed(self.streams.timeout_s))
+            )
         if self.active:
             self.stop.tick(stop_publishers, now)
             self._obey_stop()
@@ -402,11 +389,11 @@ class Driver:
 
     def _trouble_around(self) -> Trouble:
         """Return the worst of a silent manifold, a noisy line, and the own pace."""
-        sensors, noise, pace = self._sensors, self.line_noise, self.own_pace
+        sensors, noise, pace = self._sensors, self.link_watch.noise, self.own_pace
         if sensors.manifold_measured and self.ankle.manifold_vacuum_pa is None:
             remedy = REMEDIES[Reason.SENSOR_DEAD]
             text = f"manifold sensor gives no valid pressure for {sensors.timeout_s:g} s: {remedy}"
-            why = Finding(Reason.SENSOR_DEAD, MANIFOLD, text, sensors.values)
+            why = Finding(Reason.SENSOR_DEAD, MANIFOLD, text, silence_allowed(sensors.timeout_s))
             return Trouble(why, "the pump is regulated by the channels alone")
         if noise is not None:
             return Trouble(noise, "none: the line repeats what is lost")
@@ -444,7 +431,8 @@ class Driver:
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""
         text = f"let go: no answer of the board for {self._sensors.timeout_s:g} s (pressure_timeout_s)"
-        self.ankle.let_go(self._names, Finding(Reason.BOARD_LET_GO, BOARD, text, self._sensors.values))
+        why = Finding(Reason.BOARD_LET_GO, BOARD, text, silence_allowed(self._sensors.timeout_s))
+        self.ankle.let_go(self._names, why)
         self.streams.forget()
         self._forget_pressures()
 
@@ -454,7 +442,7 @@ class Driver:
 
     def _permit_storing(self) -> None:
         able = self.active and not self.stop.reason and not self._why_not_ready
-        self.ankle.may_store = able and not self._plant_paused
+        self.ankle.may_store = able and not self._link.paused
 
     def _obey_stop(self) -> None:
         reason = self.stop.reason

@@ -281,11 +281,6 @@ class CommandStreams:
         self._streams: list[CommandStream] = []
 
     @property
-    def values(self) -> dict[str, str]:
-        """What a silent stream has not kept to, in numbers for people, with units in the key."""
-        return {"silence allowed (s)": f"{self.timeout_s:g}"}
-
-    @property
     def speaking(self) -> int:
         """How many publishers have been accepted and are not silent."""
         return sum(stream.life.fed for stream in self._streams)

@@ -147,17 +147,28 @@ class LinkVerdict:
     acknowledge: bool = False
 
 
-class LinkGuard:
-    """Looks at the link. A safe state that the board went to while something was jammed is never left by itself.
+class LinkWatch:
+    """Looks at the link: what a board that is lost or has latched means, noise on the line, and new starts.
 
-    A board that latched while nothing was jammed, as every board has when it is plugged in, is acknowledged without
-    asking anybody: there is no jam that could go on by itself.
+    A safe state that the board went to while something was jammed is never left by itself. A board that latched while
+    nothing was jammed, as every board has when it is plugged in, is acknowledged without asking anybody: there is no
+    jam that could go on by itself.
+
+    Attributes:
+        noise: What is wrong with the line, by the check sums of the last few seconds; None where nothing is.
+        restarted: That the board has started anew a while ago, jammed or not: one that does so again and again is not
+            well; None where it has not.
+
     """
 
     def __init__(self) -> None:
-        """Make a guard that has seen nothing yet."""
-        self._failed = False
-        self._lost = False
+        """Make a watch that has seen nothing yet."""
+        self._failed = self._lost = False
+        self._marks: deque[tuple[float, int, int]] = deque()
+        self._starts = 0
+        self._restarted_s = -math.inf
+        self.noise: Finding | None = None
+        self.restarted: Finding | None = None
 
     def look(self, link: LinkStatus, *, jammed: bool) -> LinkVerdict:
         """Return what to do about the link; `jammed` where a channel is asked to jam."""
@@ -183,6 +194,41 @@ class LinkGuard:
     def clear(self) -> None:
         """Note that somebody has acknowledged what happened."""
         self._failed = self._lost = False
+
+    def count(self, link: LinkStatus, steady_s: float) -> None:
+        """Count wrong check sums and starts, at a moment of the steady clock, s; several times a second."""
+        self.noise, self.restarted = self._count_noise(link, steady_s), self._count_starts(link, steady_s)
+
+    def _count_noise(self, link: LinkStatus, steady_s: float) -> Finding | None:
+        self._marks.append((steady_s, link.crc_errors, link.exchanges))
+        while self._marks[0][0] < steady_s - NOISE_WINDOW_S:
+            self._marks.popleft()
+        errors = link.crc_errors - self._marks[0][1]
+        telegrams = errors + link.exchanges - self._marks[0][2]
+        if errors <= 0 or errors < NOISE_SHARE * telegrams:
+            return None
+        share = errors / max(telegrams, 1)
+        values = {
+            "wrong check sums (share of telegrams)": f"{share:.3f}",
+            "wrong check sums (1)": str(errors),
+            "counted over (s)": f"{NOISE_WINDOW_S:g}",
+        }
+        seen = f"has noise: {100.0 * share:.0f} % of telegrams had a wrong check sum in the last {NOISE_WINDOW_S:g} s"
+        return finding(Reason.LINE_NOISE, LINE, seen, values)
+
+    def _count_starts(self, link: LinkStatus, steady_s: float) -> Finding | None:
+        """Return what is to be said of a start at most `RESTART_REPORTED_S` s ago; the first one is none."""
+        if link.starts > self._starts:
+            if self._starts > 0:
+                self._restarted_s = steady_s
+            self._starts = link.starts
+        if steady_s > self._restarted_s + RESTART_REPORTED_S:
+            return None
+        cause = "" if link.reset_cause is None else f", by {link.reset_cause.value}"
+        seen = f"has started anew {steady_s - self._restarted_s:.0f} s ago{cause}; {link.starts} starts were seen"
+        browned_out = link.reset_cause is ResetCause.BROWN_OUT
+        reason = Reason.BROWN_OUT if browned_out else Reason.BOARD_REBOOTED
+        return finding(reason, BOARD, seen, link_numbers(link))
 
 
 def link_numbers(link: LinkStatus) -> dict[str, str]:
@@ -213,53 +259,9 @@ def _fault(link: LinkStatus) -> Finding | None:
     return None
 
 
-class RestartWatch:
-    """Notes when the board starts anew, jammed or not: one that does so again and again is not well."""
-
-    def __init__(self) -> None:
-        """Make one that has seen no board."""
-        self._starts = 0
-        self._at_s = -math.inf
-
-    def look(self, link: LinkStatus, steady_s: float) -> Finding | None:
-        """Return what is to be said of a start at most `RESTART_REPORTED_S` s ago; the first one is none."""
-        if link.starts > self._starts:
-            if self._starts > 0:
-                self._at_s = steady_s
-            self._starts = link.starts
-        if steady_s > self._at_s + RESTART_REPORTED_S:
-            return None
-        cause = "" if link.reset_cause is None else f", by {link.reset_cause.value}"
-        seen = f"has started anew {steady_s - self._at_s:.0f} s ago{cause}; {link.starts} starts were seen"
-        browned_out = link.reset_cause is ResetCause.BROWN_OUT
-        reason = Reason.BROWN_OUT if browned_out else Reason.BOARD_REBOOTED
-        return finding(reason, BOARD, seen, link_numbers(link))
-
-
-class NoiseMeter:
-    """Counts wrong check sums over the last few seconds."""
-
-    def __init__(self) -> None:
-        """Make one that has counted nothing."""
-        self._marks: deque[tuple[float, int, int]] = deque()
-
-    def look(self, link: LinkStatus, steady_s: float) -> Finding | None:
-        """Return what is wrong with the line at a moment of the steady clock, s; None where nothing is."""
-        self._marks.append((steady_s, link.crc_errors, link.exchanges))
-        while self._marks[0][0] < steady_s - NOISE_WINDOW_S:
-            self._marks.popleft()
-        errors = link.crc_errors - self._marks[0][1]
-        telegrams = errors + link.exchanges - self._marks[0][2]
-        if errors <= 0 or errors < NOISE_SHARE * telegrams:
-            return None
-        share = errors / max(telegrams, 1)
-        values = {
-            "wrong check sums (share of telegrams)": f"{share:.3f}",
-            "wrong check sums (1)": str(errors),
-            "counted over (s)": f"{NOISE_WINDOW_S:g}",
-        }
-        seen = f"has noise: {100.0 * share:.0f} % of telegrams had a wrong check sum in the last {NOISE_WINDOW_S:g} s"
-        return finding(Reason.LINE_NOISE, LINE, seen, values)
+def silence_allowed(timeout_s: float) -> dict[str, str]:
+    """Return what a silent one has not kept to, in numbers for people, with units in the key."""
+    return {"silence allowed (s)": f"{timeout_s:g}"}
 
 
 class SensorWatch:
@@ -288,11 +290,6 @@ class SensorWatch:
     def manifold_measured(self) -> bool:
         """Whether the manifold's sensor ever gave a pressure."""
         return MANIFOLD in self._silent_s
-
-    @property
-    def values(self) -> dict[str, str]:
-        """What a silent sensor has not kept to, in numbers for people."""
-        return {"silence allowed (s)": f"{self.timeout_s:g}"}
 
     @property
     def unanswered(self) -> bool:
@@ -343,4 +340,4 @@ class SensorWatch:
         whose = "no sensor gives" if self.all_silent else f"{place} sensor gives no"
         remedy = "look at hardware or simulation" if self.all_silent else REMEDIES[reason]
         text = f"{whose} valid pressure for {self.timeout_s:g} s (pressure_timeout_s): {remedy}"
-        return Finding(reason, place, text, self.values).to_clear()
+        return Finding(reason, place, text, silence_allowed(self.timeout_s)).to_clear()

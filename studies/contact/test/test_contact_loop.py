@@ -146,7 +146,7 @@ def fall(
     landings: list[Landing] = []
     for sample in simulation.samples(release_s + 0.3, 500):
         loop.step(sample.time_s)
-        landing = loop.controller.landing
+        landing = loop.controller.policy.landing
         if landing is not None and landing not in landings:
             landings.append(landing)
     return loop, landings[0]

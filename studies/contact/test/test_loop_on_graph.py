@@ -131,7 +131,7 @@ def landed_in_loop() -> Mapping[str, Column]:
     found[names.CONTACT_EVENTS.name] = [
         (event.time_ns, (event.magnitude, event.source.value, event.probability)) for event in loop.events
     ]
-    chosen = loop.controller.landing
+    chosen = loop.controller.policy.landing
     assert chosen is not None
     what = (chosen.speed_m_s, chosen.chosen_pa, chosen.reached_pa, chosen.surprised, chosen.why)
     found[names.LANDING.name] = [(chosen.time_ns, what)]
