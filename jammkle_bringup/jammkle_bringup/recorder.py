@@ -86,7 +86,7 @@ class Recorder(Node):
         self._types: dict[str, tuple[str, Callable[[], Sequence[Qos]]]] = {}
         self._of_clock_maker: dict[str, bool] = {}
         self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
-        self._answer = wire.HeaderWriter(self.get_fully_qualified_name())
+        self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
         self._refused: set[str] = set()
         # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
         # lost between a publisher's first message and the next look at the graph.

@@ -83,7 +83,7 @@ class LockstepNode(Node):
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         if self._simulated:
             self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
-            self._answer = wire.HeaderWriter(self.get_fully_qualified_name())
+            self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
 
     def live_on_steady_clock(self) -> None:
         """Let the machine's steady clock count from now on: real hardware goes on while somebody pauses /clock.

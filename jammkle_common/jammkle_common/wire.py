@@ -57,7 +57,7 @@ def read(serialized: bytes, doubles: int) -> Measured | None:
 
     Args:
         serialized: As a raw subscription gets it.
-        doubles: How many follow its header.
+        doubles: How many follow its header; none of a std_msgs/Header itself.
 
     Returns:
         None where it is not little-endian plain CDR of that many doubles: let rclpy deserialize it.
@@ -66,8 +66,8 @@ def read(serialized: bytes, doubles: int) -> Measured | None:
     if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
         return None
     seconds, nanoseconds, length = _HEADER.unpack_from(serialized, _ENCAPSULATION.size)
-    begin = _numbers_begin(length)
     numbers = _numbers(doubles)
+    begin = _numbers_begin(length, doubles)
     if len(serialized) < begin + numbers.size:
         return None
     frame_id = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
@@ -82,33 +82,6 @@ def read_clock(serialized: bytes) -> tuple[int, int] | None:
     return seconds, nanoseconds
 
 
-class HeaderWriter:
-    """Writes std_msgs/Header with one frame_id."""
-
-    def __init__(self, frame_id: str) -> None:
-        """Prepare the bytes."""
-        text = frame_id.encode() + b"\0"
-        self._bytes = bytearray(_TEXT_BEGIN + len(text))
-        _ENCAPSULATION.pack_into(self._bytes, 0, _PLAIN_LITTLE_ENDIAN, 0)
-        self._length = len(text)
-        self._bytes[_TEXT_BEGIN:] = text
-
-    def write(self, time_ns: int) -> bytes:
-        """Return the serialized message with a stamp, ns."""
-        seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
-        _HEADER.pack_into(self._bytes, _ENCAPSULATION.size, seconds, nanoseconds, self._length)
-        return bytes(self._bytes)
-
-
-def read_header(serialized: bytes) -> tuple[int, str] | None:
-    """Return stamp, ns, and frame_id of a serialized std_msgs/Header; None as `read`."""
-    if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
-        return None
-    seconds, nanoseconds, length = _HEADER.unpack_from(serialized, _ENCAPSULATION.size)
-    text = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
-    return seconds * NANOSECONDS_PER_SECOND + nanoseconds, text
-
-
 class Writer:
     """Writes measurements of one frame."""
 
@@ -117,18 +90,18 @@ class Writer:
 
         Args:
             frame_id: Of every measurement.
-            doubles: How many follow the header.
+            doubles: How many follow the header; none: it is a std_msgs/Header itself.
 
         """
         text = frame_id.encode() + b"\0"
-        self._begin = _numbers_begin(len(text))
+        self._begin = _numbers_begin(len(text), doubles)
         self._numbers = _numbers(doubles)
         self._bytes = bytearray(self._begin + self._numbers.size)
         _ENCAPSULATION.pack_into(self._bytes, 0, _PLAIN_LITTLE_ENDIAN, 0)
         self._length = len(text)
         self._bytes[_TEXT_BEGIN : _TEXT_BEGIN + len(text)] = text
 
-    def write(self, time_ns: int, values: Sequence[float]) -> bytes:
+    def write(self, time_ns: int, values: Sequence[float] = ()) -> bytes:
         """Return the serialized message.
 
         Args:
@@ -142,10 +115,10 @@ class Writer:
         return bytes(self._bytes)
 
 
-def _numbers_begin(text_length: int) -> int:
-    """Return where the first double stands."""
+def _numbers_begin(text_length: int, doubles: int) -> int:
+    """Return where the first double stands; without any, where the text ends."""
     behind = _HEADER.size + text_length
-    return _ENCAPSULATION.size + behind + -behind % _ALIGNMENT
+    return _ENCAPSULATION.size + behind + (-behind % _ALIGNMENT if doubles else 0)
 
 
 @functools.cache

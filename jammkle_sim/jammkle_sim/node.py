@@ -31,7 +31,6 @@ from jammkle_sim.core.engine import (
     Output,
     Pacer,
     RefusedError,
-    RunControl,
     RunState,
     steps_per_output,
 )
@@ -153,7 +152,7 @@ class SimNode(Node):
         limit_ns = self._participants.limit_ns
         if limit_ns is not None:
             self._engine.go_as_far_as(limit_ns)
-        stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
+        stands = self._engine.stands
         left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
         begins = not self._engine.begun and self._engine.wait_s() <= 0.0
         for board in self._boards:
@@ -178,7 +177,7 @@ class SimNode(Node):
         for outputs in self._outputs:
             outputs.publish(tick)
         self._machine_outputs.publish(tick, self._simulation)
-        if self._engine.control.state is not RunState.RUNNING:
+        if self._engine.state is not RunState.RUNNING:
             self._tick(tick.time_ns)
         elif self._clock_output.run(tick.time_ns):
             self._participants.sent(tick.time_ns)
@@ -234,7 +233,7 @@ class SimNode(Node):
 
     def _repeat_standing_clock(self) -> None:
         """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
-        if self._engine.control.state in (RunState.PAUSED, RunState.FAILED):
+        if self._engine.stands:
             self._tick(self._engine.time_ns)
 
     def _report_breaks(self) -> None:
@@ -274,10 +273,10 @@ class SimNode(Node):
 
     def _simulation_health(self) -> Health:
         """Run state, simulated time and pace, and whether the clock is this simulation's alone."""
-        control, pacer, factor = self._engine.control, self._engine.pacer, self._engine.real_time_factor
+        engine, pacer, factor = self._engine, self._engine.pacer, self._engine.real_time_factor
         fastest = pacer.speed == AS_FAST_AS_POSSIBLE
         values = {
-            "state": control.state.value,
+            "state": engine.state.value,
             "simulated time (s)": f"{self._time_s():.4f}",
             "target real-time factor": "as fast as possible" if fastest else f"{pacer.speed:g}",
             "achieved real-time factor": "not measured yet" if math.isnan(factor) else f"{factor:.3f}",
@@ -285,13 +284,13 @@ class SimNode(Node):
             "real time given up (s)": f"{pacer.given_up_s:.3f}",
         }
         clocks = self.count_publishers(names.CLOCK.name) if self._built.publish_clock else 0
-        level, message = Level.OK, control.state.value
-        if control.state is RunState.FAILED:
-            level, message = Level.ERROR, f"{control.failure}; paused until ~/reset"
+        level, message = Level.OK, engine.state.value
+        if engine.state is RunState.FAILED:
+            level, message = Level.ERROR, f"{engine.failure}; paused until ~/reset"
         elif clocks > 1:
             level, message = Level.WARN, f"{names.CLOCK.name} is made by {clocks} simulations: stop the others, choose "
             message += "another ROS_DOMAIN_ID, or give all but one publish_clock:=false to live in its time"
-        elif control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
+        elif engine.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
             level, message = Level.WARN, "slower than wanted; lower the parameter speed"
         return Health("simulation", level, message, values)
 
@@ -317,8 +316,8 @@ def _make_engine(simulation: Simulation, parameters: RunParameters, outputs: Col
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }
     periods = {output: period for output, period in periods.items() if output in outputs}
-    control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
-    engine = Engine(simulation, periods, control, pacer, time.monotonic)
+    pacer = Pacer(parameters.speed)
+    engine = Engine(simulation, periods, pacer, time.monotonic, start_paused=parameters.start_paused)
     engine.set_start_time(parameters.start_time_s)
     return engine
 
@@ -348,7 +347,7 @@ class _Requests:
 
     def answer_finished_steps(self) -> None:
         """Answer ~/step if its steps are done, or if they never will be."""
-        if self._steps_asked and self._engine.control.state is not RunState.STEPPING:
+        if self._steps_asked and self._engine.state is not RunState.STEPPING:
             self._step_answer.release(self._fill_step_answer)
             self._steps_asked = 0
             self._on_state_change()
@@ -363,7 +362,7 @@ class _Requests:
             response.message = str(error)
             return response
         response.success = True
-        response.message = f"{self._engine.control.state.value} at {self._simulated_s():.4f} s"
+        response.message = f"{self._engine.state.value} at {self._simulated_s():.4f} s"
         self._on_state_change()
         return response
 
@@ -376,7 +375,7 @@ class _Requests:
         response.success = True
         response.message = (
             f"rig and noise as at the start; simulated time goes on from {self._simulated_s():.4f} s, "
-            f"{self._engine.control.state.value}"
+            f"{self._engine.state.value}"
         )
         self._on_state_change()
         return response
@@ -393,7 +392,7 @@ class _Requests:
         return response
 
     def _fill_step_answer(self, response: Step.Response) -> None:
-        failure = self._engine.control.failure
+        failure = self._engine.failure
         response.success = not failure
         response.message = failure or f"took {self._steps_asked} steps"
         response.simulated_time_s = self._simulated_s()
@@ -472,7 +471,7 @@ class Participants:
         self._other_tick_ns: int | None = None
         self._answered_ns: int | None = None
         self._waits = parameters.lockstep
-        self._writer = wire.HeaderWriter(node.get_fully_qualified_name())
+        self._writer = wire.Writer(node.get_fully_qualified_name(), 0)
         if not parameters.lockstep:
             return
         for topic in self._topics:
@@ -539,13 +538,14 @@ class Participants:
         return self._account.health()
 
     def _take_answer(self, serialized: bytes) -> None:
-        answer = wire.read_header(serialized)
+        answer = wire.read(serialized, 0)
         if answer is None:
             header = deserialize_message(serialized, Header)
-            answer = header.stamp.sec * NANOSECONDS_PER_SECOND + header.stamp.nanosec, header.frame_id
-        stamp_ns, name = answer
-        if name:
-            self._account.answered(name, stamp_ns)
+            answer = wire.Measured(
+                header.stamp.sec * NANOSECONDS_PER_SECOND + header.stamp.nanosec, header.frame_id, ()
+            )
+        if answer.frame_id:
+            self._account.answered(answer.frame_id, answer.time_ns)
 
     def _take_tick(self, message: Clock) -> None:
         tick_ns = message.clock.sec * NANOSECONDS_PER_SECOND + message.clock.nanosec
