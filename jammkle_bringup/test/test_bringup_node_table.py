@@ -15,14 +15,11 @@ import yaml
 
 from jammkle_bringup.core.node_table import (
     NODES,
-    ROBOT_NODES,
-    ROBOT_VALUES,
     Robot,
     check_parameter_files,
     command_of,
     merged_values,
     nodes_for,
-    parameter_file_text,
     simulated_time,
 )
 from jammkle_bringup.graph_options import (
@@ -74,12 +71,10 @@ def test_values_keep_their_type_on_the_command_line() -> None:
     assert isinstance(read["speed"], float)
 
 
-def test_the_parameter_file_is_made_from_the_tables() -> None:
-    """config/ankle.yaml holds every parameter with its default; `make readme` writes it anew."""
+def test_the_parameter_file_has_the_defaults() -> None:
+    """config/ankle.yaml gives every parameter its default, in any namespace."""
     path = PACKAGE / "config" / "ankle.yaml"
-    text = path.read_text()
-    assert text == parameter_file_text(NODES), "out of date: `make readme`"
-    content = yaml.safe_load(text)
+    content = yaml.safe_load(path.read_text())
     for entry in NODES:
         table = entry.parameters()
         assert from_mapping(table, content[f"/**/{entry.name}"]["ros__parameters"]) == table()
@@ -226,12 +221,10 @@ def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_fil
     assert f'"{launched[0].named["executable"]} = jammkle_sim.robot:main"' in installed
 
 
-def test_the_parameter_file_of_robots_is_made_from_the_tables() -> None:
+def test_the_parameter_file_of_robots_fits_them() -> None:
     """config/robot.yaml fits a leg, and every ankle of a quadruped; a section may be one ankle's."""
     path = PACKAGE / "config" / "robot.yaml"
-    text = parameter_file_text(ROBOT_NODES, ROBOT_VALUES)
-    assert path.read_text() == text, "out of date: `make readme`"
-    assert "imu_mount: shank" in text  # where a simulated robot has it unless a file says otherwise
+    assert "imu_mount: shank" in path.read_text()  # where a simulated robot has it unless a file says otherwise
     for robot in (Robot.LEG, Robot.QUADRUPED):
         check_parameter_files([path], "/", nodes_for("sim", robot))
 

@@ -279,7 +279,6 @@ class TypedUnit:
     """A unit of the command line beside its SI unit, and how names of options and parameters end in them.
 
     Attributes:
-        si: Unit inside.
         typed: Unit on the command line.
         si_end: End of a parameter's name.
         typed_end: End of an option's name, with underscores.
@@ -288,7 +287,6 @@ class TypedUnit:
 
     """
 
-    si: str
     typed: str
     si_end: str
     typed_end: str
@@ -297,10 +295,10 @@ class TypedUnit:
 
 
 TYPED_UNITS = (
-    TypedUnit("Pa", "kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
-    TypedUnit("m/s", "mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
-    TypedUnit("m", "mm", "_m", "_mm", -3, "20 for 0.02 m"),
-    TypedUnit("m^3", "ml", "_m3", "_ml", -6, "100 for 0.0001 m^3"),
+    TypedUnit("kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
+    TypedUnit("mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
+    TypedUnit("mm", "_m", "_mm", -3, "20 for 0.02 m"),
+    TypedUnit("ml", "_m3", "_ml", -6, "100 for 0.0001 m^3"),
 )
 """Every other unit is typed as it is inside: s, Hz, kg, deg, l/min."""
 

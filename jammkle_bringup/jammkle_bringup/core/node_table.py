@@ -10,7 +10,6 @@ import enum
 import importlib
 import re
 import sys
-import textwrap
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -30,8 +29,7 @@ from jammkle_common.names import (
     VIEWER_NODE,
     resolved,
 )
-from jammkle_common.parameters import ParameterError, from_mapping, of_table, rows
-from jammkle_sim.robots.options import RobotOptions
+from jammkle_common.parameters import ParameterError, from_mapping, of_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -124,11 +122,6 @@ AS_BUILT = (
     (DRIVER_NODE, "reservoir_volume_m3", "reservoir_volume_m3"),
 )
 """What nodes must know of how a robot is built: node, its parameter, and the option of the robot that says it."""
-ROBOT_VALUES: dict[str, dict[str, ParameterValue]] = {
-    node: {name: getattr(RobotOptions(), option) for each, name, option in AS_BUILT if each == node}
-    for node in dict.fromkeys(node for node, *_ in AS_BUILT)
-}
-"""What fits our robots as they stand better than the default of a node."""
 
 GAP_MONITOR = NodeEntry(
     "jammkle_gap",
@@ -244,9 +237,6 @@ Value = TypeVar("Value")
 
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
-_COMMENT = textwrap.TextWrapper(
-    119, initial_indent="    # ", subsequent_indent="    # ", break_long_words=False, break_on_hyphens=False
-)
 
 
 class _RosLoader(yaml.SafeLoader):
@@ -355,33 +345,6 @@ def merged_values(
             if _matches(pattern, full_name):
                 merged.update(found)
     return {**merged, **values_of(values or {}, entry)}
-
-
-def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping[str, object]] | None = None) -> str:
-    """Return a parameter file that holds every parameter of the nodes, described, with its default.
-
-    Args:
-        nodes: The nodes.
-        values: What stands there instead of a default, by node name and parameter.
-
-    """
-    lines = [
-        "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
-        "# and give it to the graph: jammkle up --params FILE",
-    ]
-    for entry in nodes:
-        lines += ["", f"/**/{entry.name}:", f"  {_PARAMETERS_KEY}:"]
-        for row in rows(entry.parameters()):
-            about = row.description if not row.unit else f"{row.description} [{row.unit}]"
-            limits = f" ({row.range_text})" if row.range_text else ""
-            lines += _COMMENT.wrap(about + limits)
-            lines.append(f"    {row.name}: {_scalar((values or {}).get(entry.name, {}).get(row.name, row.default))}")
-    return "\n".join(lines) + "\n"
-
-
-def _scalar(value: object) -> str:
-    # PyYAML writes a float so that YAML 1.1 reads one: 6.0e-06, for 6e-06 would be text.
-    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
 
 
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:

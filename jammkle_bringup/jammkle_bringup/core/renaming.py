@@ -154,7 +154,7 @@ def rename(
             msg = f"bag {bag} has no joint {' or '.join(joints.new)} in its joint states"
             raise InputError(msg)
         with contextlib.closing(open_file(path)) as file:
-            write_metadata(target, metadata_of({path.name: file}, reader.custom_data, ""))
+            write_metadata(target, metadata_of({path.name: file}, reader.custom_data))
         return count, changed
 
 

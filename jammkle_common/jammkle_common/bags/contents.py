@@ -248,23 +248,6 @@ _NO_TIME_NS = 2**63 - 1
 _TOP = "rosbag2_bagfile_information"
 
 
-def metadata_begun(file_name: str, custom_data: Mapping[str, str]) -> str:
-    """Return the metadata of a bag that is being recorded: which file, and that it is not finished."""
-    return _metadata_text({file_name: None}, {**custom_data, UNFINISHED: "its recorder has not completed it"}, "")
-
-
-def metadata_of(files: Mapping[str, BagFile], custom_data: Mapping[str, str], compression: str) -> str:
-    """Return the metadata of a bag from its files.
-
-    Args:
-        files: By name, open.
-        custom_data: What its recorder added.
-        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
-
-    """
-    return _metadata_text(files, custom_data, compression)
-
-
 def read_metadata(folder: Path) -> dict[str, Any]:
     """Return what the metadata of a bag say.
 
@@ -299,7 +282,15 @@ def write_metadata(folder: Path, text: str) -> None:
         raise
 
 
-def _metadata_text(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str) -> str:
+def metadata_of(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str = "") -> str:
+    """Return the metadata of a bag from its files.
+
+    Args:
+        files: By name, open; None: it is being recorded.
+        custom_data: What its recorder added.
+        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
+
+    """
     there = {name: file for name, file in files.items() if file is not None}
     filled = [each for each in there.values() if _message_count(each)]
     first_ns = min((each.first_ns for each in filled), default=_NO_TIME_NS)

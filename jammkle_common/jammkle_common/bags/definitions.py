@@ -90,7 +90,7 @@ class MessageDefinitions:
             if text is None:
                 text = self._standard(name).text.partition(_SEPARATOR)[0]
             texts[name] = text
-            pending += sorted(_types_inside(name, text))
+            pending += sorted(set(_types_in_fields(get_types_from_msg(text, name)[name])))
         return texts
 
     def _text(self, message_type: str) -> str | None:
@@ -125,24 +125,6 @@ def _assembled(message_type: str, texts: dict[str, str]) -> MessageDefinition:
     ]
     text = "".join([f"{texts[message_type].rstrip()}\n", *inner])
     return MessageDefinition(text, store.hash_rihs01(message_type))
-
-
-def _types_inside(name: str, text: str) -> set[str]:
-    """Return the names of the message types that the fields of one definition have."""
-    _, fields = get_types_from_msg(text, name)[name]
-    return {inner for _, field in fields for inner in _names_in(field)}
-
-
-def _names_in(field: object) -> set[str]:
-    """Return message names in a field description of the bag library: nested `(kind, argument)` pairs."""
-    names: set[str] = set()
-    if isinstance(field, tuple):
-        for part in field:
-            if isinstance(part, str) and part.count("/") == _PARTS - 1:
-                names.add(part)
-            else:
-                names |= _names_in(part)
-    return names
 
 
 _IDL_LANGUAGES = ("ros2idl", "omgidl")

@@ -254,7 +254,6 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
     return "MESSAGE" if first is not None and first[-1].startswith(ZSTD) else ""
 
 
-MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQ")  # channel, sequence, log time; publish time and data follow
 _KNOWN = {int(each) for each in Opcode}
@@ -286,7 +285,7 @@ class DataSection:
 
     """
 
-    end: int = len(MAGIC)
+    end: int = len(MCAP)
     size: int = 0
     whole: bool = False
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -327,14 +326,14 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
     """
     section = DataSection(size=stream.seek(0, 2))
     stream.seek(0)
-    if stream.read(len(MAGIC)) != MAGIC:
+    if stream.read(len(MCAP)) != MCAP:
         msg = "it is no MCAP file"
         raise NoMcapError(msg)
     for opcode, body in _records(stream, section):
         start = section.end
         if opcode == Opcode.DATA_END:
-            stream.seek(-len(MAGIC), 2)
-            section.whole = stream.read() == MAGIC
+            stream.seek(-len(MCAP), 2)
+            section.whole = stream.read() == MCAP
             break
         try:
             _take(section, opcode, body, start)
@@ -511,7 +510,7 @@ def _ending(section: DataSection, begin: int) -> bytes:
     for offset in offsets:
         offset.write(builder)
     Footer(summary_start=summary_start, summary_offset_start=summary_offset_start, summary_crc=0).write(builder)
-    return _built(builder) + MAGIC
+    return _built(builder) + MCAP
 
 
 def _built(builder: Any) -> bytes:

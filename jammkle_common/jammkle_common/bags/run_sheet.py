@@ -11,7 +11,6 @@ is a short file, `run.yaml`, in the folder of the bag, or beside it for all bags
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -42,10 +41,6 @@ class RunSheet:
     """What it was recorded on; empty: not known."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """How that was set, SI, by the names of the rig's options; those not named are not known."""
-
-    def with_options(self, options: Mapping[str, Any]) -> RunSheet:
-        """Return the same with options that go before its own."""
-        return dataclasses.replace(self, options={**self.options, **options})
 
     def as_mapping(self) -> dict[str, Any]:
         """Return what is written into a bag or a file."""

@@ -13,8 +13,9 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 
 from jammkle_common.bags.contents import (
     METADATA_VERSION,
+    UNFINISHED,
     lock,
-    metadata_begun,
+    metadata_of,
     write_metadata,
 )
 from jammkle_common.bags.recovery import recover
@@ -211,7 +212,8 @@ class BagLog:
             raise
 
     def _write_metadata(self) -> None:
-        write_metadata(self._path, metadata_begun(self._storage.path.name, self._writer.custom_data))
+        custom = {**self._writer.custom_data, UNFINISHED: "its recorder has not completed it"}
+        write_metadata(self._path, metadata_of({self._storage.path.name: None}, custom))
 
 
 def check_free(path: Path) -> None:

@@ -63,31 +63,19 @@ _OF_SIMULATION = (*OF_THE_WHOLE, DIAGNOSTICS)
 """What one simulation says for all of its ankles."""
 
 
-def write_bag(run: RigRun, path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
-    """Write every topic of a run, /clock after all else of its time, and the parameters as custom data.
+def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
+    """Write every topic of runs at the same time into one bag, /clock after all else of its time; parameters as data.
 
     Args:
-        run: The run. Its time zero is the bag's.
+        runs: By namespace of each ankle below `namespace`; a single one may be in that, under an empty name. Their time
+            zero is the bag's.
         path: Folder of the bag; it must not exist.
-        namespace: Normalised namespace of the ankle.
+        namespace: Normalised namespace of the robot.
         definitions: Where message definitions come from.
 
     Raises:
         InputError: the path exists or cannot be made.
-        NotFiniteError: the run holds NaN or infinity; the bag ends before it.
-
-    """
-    return write_bags({"": run}, path, namespace, definitions)
-
-
-def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
-    """Write what several ankles of one robot measured in the same time into one bag; as `write_bag` otherwise.
-
-    Args:
-        runs: By namespace of each ankle below `namespace`; a single one may be in that, under an empty name.
-        path: As for `write_bag`.
-        namespace: Normalised namespace of the robot.
-        definitions: As for `write_bag`.
+        NotFiniteError: a run holds NaN or infinity; the bag ends before it.
 
     """
     log = BagLog(path, definitions)

@@ -19,7 +19,7 @@ from jammkle_common.command.options import JsonOption, NamespaceOption
 from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.names import normalised
-from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.commands.table import Option, command_of, errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig, save_mjcf, scattered
@@ -145,7 +145,7 @@ def run_repeats(name: str, given: dict[str, Any], options: Any) -> int:
             messages = 0
             if bag is not None:
                 try:
-                    messages = write_bag(run, bag, namespace, definitions).messages
+                    messages = write_bags({"": run}, bag, namespace, definitions).messages
                 except NotFiniteError as error:
                     msg = f"rig {name}: {error}; {bag} ends before it"
                     raise GraphError(msg) from error

@@ -62,7 +62,6 @@ class AttachedAnkle:
     imu: ImuPlace
     joints: Mapping[str, str]
     """Joints that are reported together with the ankle's own, by the name they are reported under: those of the leg."""
-    rigid: bool = False
 
     def named(self, part: str) -> str:
         """Return the name in the robot's model of a part of the ankle: `ankle_pitch`, `achilles_left`, `foot`."""
@@ -340,7 +339,7 @@ def attach_ankle(
 
     """
     fitting = fitting or AnkleFitting()
-    ankle = AttachedAnkle(name, fitting.parameters, fitting.imu, dict(fitting.leg_joints), fitting.rigid)
+    ankle = AttachedAnkle(name, fitting.parameters, fitting.imu, dict(fitting.leg_joints))
     shank = _body(spec, body)
     if spec.body(ankle.foot) is not None:
         msg = f"ankle '{name}' is attached already: give this one another name"
