@@ -163,13 +163,7 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
 def record_landing(
     of_sim: Mapping[str, ParameterValue], effects: str, bag: Path, asked_to_stop: Callable[[], bool]
 ) -> None:
-    """Land once in a graph without a namespace, and record everything.
-
-    Args:
-        of_sim: Parameters of the sim node.
-        effects: Content of the effects file; empty: none.
-        bag: Folder of the bag; it must not exist.
-        asked_to_stop: Ends it early.
+    """Land once in a graph without a namespace, with a text as effects file if there is one, and record everything.
 
     Raises:
         InputError: a graph is already up.

@@ -132,11 +132,7 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
 
 
 def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
-    """Return whether the robot of a live graph is a simulated one, which moves without anybody near it.
-
-    Args:
-        namespace: Normalised namespace of the ankle, or of the robot with its ankles below.
-        asked_to_stop: Ends it early.
+    """Return whether the robot of a live graph, or the ankle, is a simulated one, which moves without anybody near it.
 
     Raises:
         GraphError: no driver is on the graph.
@@ -525,13 +521,7 @@ _DROOPS_DEG = 10.0
 
 
 def standing(joints: Mapping[str, Mapping[str, float]], hang_pitch_deg: float) -> list[str]:
-    """Return a line for every ankle whose foot does not hang as it does when it is free.
-
-    Args:
-        joints: By ankle, position by joint, rad.
-        hang_pitch_deg: Pitch at which the feet hang.
-
-    """
+    """Return a line for every ankle, by its joints, rad, whose foot does not hang at this pitch, as a free one does."""
     found = []
     for ankle, angles in joints.items():
         pitch_deg = math.degrees(angles.get(_PITCH, math.radians(hang_pitch_deg)))

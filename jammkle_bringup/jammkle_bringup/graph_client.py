@@ -243,15 +243,7 @@ LOOK_S = 1.0
 
 
 def refuse_if_there(client: GraphClient, names: Collection[str], look_s: float) -> str:
-    """Look for nodes of these names, and for a /clock.
-
-    Args:
-        client: Looks.
-        names: Full names of nodes that are to be started.
-        look_s: For how long.
-
-    Returns:
-        The full name of the node that publishes /clock; empty if none does.
+    """Look for nodes of these names, for so long, and for a /clock; return who publishes that, empty if nobody does.
 
     Raises:
         InputError: one of the nodes is there already.
@@ -272,11 +264,6 @@ _NOT_KNOWN = "a node that is not known yet"
 
 def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_clock: bool) -> None:
     """Refuse to go on beside nodes of the same name, or another /clock, that came up late or were started together.
-
-    Args:
-        client: Looks.
-        names: Full names of the nodes that were started.
-        makes_clock: Whether one of them publishes /clock.
 
     Raises:
         InputError: as said.

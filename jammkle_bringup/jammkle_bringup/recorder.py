@@ -57,12 +57,7 @@ class Recorder(Node):
     """Subscribes to topics as they appear and writes their messages as they came over the wire."""
 
     def __init__(self, path: Path, namespace: str, source: TimeSource) -> None:
-        """Create the bag and start to record.
-
-        Args:
-            path: Folder of the bag.
-            namespace: Normalised.
-            source: Which clock gives the log times.
+        """Create the bag, record a normalised namespace into it, with log times by this clock.
 
         Raises:
             InputError: the bag's path exists or cannot be made.

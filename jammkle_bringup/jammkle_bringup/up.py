@@ -308,25 +308,14 @@ class Startup:
         return held
 
     def wait_until_connected(self, members: Collection[str], ankles: Sequence[str] = ("",)) -> None:
-        """Wait until these nodes are connected to each other.
-
-        Args:
-            members: Names relative to the graph's namespace: `sim`, `driver`, `lf_ankle/driver`.
-            ankles: Namespaces of the ankles, below that one.
-
-        """
+        """Wait until these nodes (`sim`, `lf_ankle/driver`) of these ankles are connected to each other."""
         timeout_s = READY_TIMEOUT_S * len(ankles)
         if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
             missing = ", ".join(_missing(self.client, members, ankles))
             self._fail(f"not ready after {timeout_s:g} s, missing: {missing}")
 
     def wait_until_in_step(self, members: Collection[str]) -> None:
-        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step.
-
-        Args:
-            members: Names relative to the graph's namespace.
-
-        """
+        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step."""
         in_step: set[str] = set()
         line = f"{resolved(self.client.namespace, SIM_NODE)}{LOCKSTEP_LINE}"
 

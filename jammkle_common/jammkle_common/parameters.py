@@ -381,14 +381,7 @@ def as_typed(error: Exception, lead: str = "--") -> str:
 
 
 def renamed(option: str, known: Collection[str], command: str = "") -> str | None:
-    """Return one line on where an option went that a subcommand does not know; None if it never was one.
-
-    Args:
-        option: As typed: `--vacuum-pa`.
-        known: Options of the subcommand.
-        command: The subcommand, with all its words.
-
-    """
+    """Return one line on where an option, as typed, went that a subcommand does not know; None if it never was one."""
     for words, names in RENAMED.items():
         if command.endswith(words) and option in names:
             return f"{option} is {names[option]} now"

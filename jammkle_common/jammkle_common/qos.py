@@ -162,13 +162,7 @@ _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
 def belongs(namespace: str, name: str) -> bool:
-    """Return whether a topic is one of a namespace's, or said of it outside.
-
-    Args:
-        namespace: Normalised.
-        name: Full name of the topic.
-
-    """
+    """Return whether a topic, by its full name, is one of a normalised namespace's, or said of it outside."""
     if name in _OUTSIDE:
         return True
     inside = relative(namespace, name)
@@ -187,13 +181,7 @@ def misses(asked: QoSProfile, offered: QoSProfile) -> bool:
 
 
 def strongest(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strongest request that all of these publishers can meet.
-
-    Args:
-        offered: By each publisher.
-        depth: Messages that may wait.
-
-    """
+    """Return the strongest request that all of these publishers can meet; `depth` messages may wait."""
     reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
     latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
     return QoSProfile(

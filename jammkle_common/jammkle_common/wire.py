@@ -86,13 +86,7 @@ class Writer:
     """Writes measurements of one frame."""
 
     def __init__(self, frame_id: str, doubles: int) -> None:
-        """Prepare the bytes.
-
-        Args:
-            frame_id: Of every measurement.
-            doubles: How many follow the header; none: it is a std_msgs/Header itself.
-
-        """
+        """Prepare the bytes of a header with a frame and of so many doubles; none: it is a std_msgs/Header itself."""
         text = frame_id.encode() + b"\0"
         self._begin = _numbers_begin(len(text), doubles)
         self._numbers = _numbers(doubles)

@@ -83,9 +83,6 @@ class SimNode(Node):
     def __init__(self, kind: SimKind) -> None:
         """Make the node, what it simulates and all its topics and services.
 
-        Args:
-            kind: What is simulated.
-
         Raises:
             ParameterError: an unknown parameter, or one out of range.
 
@@ -328,15 +325,7 @@ class _Requests:
     def __init__(
         self, node: Node, engine: Engine, reset: Callable[[], None], on_state_change: Callable[[], None]
     ) -> None:
-        """Offer the services on `node`.
-
-        Args:
-            node: The node.
-            engine: What is paused, resumed and stepped.
-            reset: Resets machine and commands; may raise RefusedError.
-            on_state_change: Called after every request that was granted.
-
-        """
+        """Offer the services; resetting may raise RefusedError, and every granted request is told."""
         self._engine = engine
         self._reset_machine = reset
         self._on_state_change = on_state_change
@@ -517,9 +506,7 @@ class Participants:
     def arrived(self, next_output_ns: float) -> None:
         """Answer the simulation that makes /clock, once this one is as far as it may go and all of its own are done.
 
-        Args:
-            next_output_ns: Simulated time of its next output, ns; infinite where it stands still and waits for nobody.
-
+        The next output is infinitely far, ns, where time stands still and nobody is waited for.
         """
         tick_ns = self._other_tick_ns
         if tick_ns is None or tick_ns == self._answered_ns or next_output_ns <= tick_ns or not self.ready():

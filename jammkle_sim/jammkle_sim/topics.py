@@ -222,12 +222,7 @@ class SimulatedBoard:
         self._is_new = True
 
     def before_step(self, time_ns: int) -> None:
-        """Let go if the driver has been silent for too long, and acknowledge what has changed.
-
-        Args:
-            time_ns: Simulated time at which the step begins, ns.
-
-        """
+        """Let go if the driver was silent for too long; acknowledge what has changed, at a simulated time, ns."""
         now_s = self._time_s()
         self._received_s = min(self._received_s, now_s)  # time may be set back
         is_on = self._duty > 0.0 or any(self._energised.values())
@@ -316,14 +311,7 @@ class JointRequests:
     """Lets the joints of a robot do what is asked of them."""
 
     def __init__(self, node: Node, simulation: Simulation, time_s: Callable[[], float]) -> None:
-        """Subscribe on `node`, if the simulation has joints that follow.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated.
-            time_s: Returns simulated time as on /clock, s.
-
-        """
+        """Subscribe on the sim node, if the simulation has joints that follow; time is that of /clock, s."""
         self._node, self._simulation, self._time_s = node, simulation, time_s
         if isinstance(simulation.machine.control, FollowingControl):
             topic = names.JOINT_TRAJECTORY

@@ -57,12 +57,12 @@ class AnkleSubscriptions:
     """Subscriptions to one ankle's topics, and who takes their messages."""
 
     def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle, *, with_base: bool) -> None:
-        """Subscribe.
+        """Subscribe for an ankle in a namespace below both nodes' own; empty: in that.
 
         Args:
             node: Whose executor serves what is seldom.
             watcher: A node without executor: its messages call nobody.
-            namespace: Of the ankle, relative to both nodes'; empty: their own.
+            namespace: Of the ankle.
             ankle: Who takes the messages.
             with_base: Whether to subscribe to where the whole is, too; one of several ankles will do.
 
@@ -157,14 +157,7 @@ class Requests:
     """Clients of the services that the page needs, each made when it is first needed."""
 
     def __init__(self, node: Node, answer: Answer, take_speed: Callable[[float], None]) -> None:
-        """Ask nothing yet.
-
-        Args:
-            node: In whose namespace the ankles are.
-            answer: Takes what comes back.
-            take_speed: Takes the speed of the simulation, where that was read.
-
-        """
+        """Ask nothing yet of the ankles in the namespace of a node; take answers, and the speed where that was read."""
         self._node, self._answer, self._take_speed = node, answer, take_speed
         self._clients: dict[str, Client] = {}
         self._stops: dict[str, Publisher] = {}

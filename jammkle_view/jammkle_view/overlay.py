@@ -133,11 +133,6 @@ def is_robot(recorded: Recorded) -> bool:
 def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float], None]) -> Overlay:
     """Simulate what a bag of a robot holds: from the robot's start, without noise, commanded as its ankles were.
 
-    Args:
-        path: The bag.
-        recorded: The same as read for the page.
-        on_progress: Takes the share that is done, 0 to 1.
-
     Raises:
         InputError: it cannot be simulated again; the message says why.
 
@@ -292,14 +287,9 @@ class Command:
 
 
 def commands_of(path: Path, namespaces: Mapping[str, str]) -> list[Command]:
-    """Return the commands of pumps and solenoids, in order.
+    """Return the commands of pumps and solenoids of ankles, by the namespaces in which they are, in order.
 
     Where the hardware has said when it took its commands (`actuator_states`), that counts, and the commands do not.
-
-    Args:
-        path: The bag.
-        namespaces: Names of the ankles, by the namespaces in which they are.
-
     """
     asked: dict[str, list[Command]] = {name: [] for name in namespaces.values()}
     taken: dict[str, list[Command]] = {name: [] for name in namespaces.values()}

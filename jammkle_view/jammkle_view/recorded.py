@@ -160,12 +160,7 @@ def _latest(samples: Sequence[Timed], time_s: float) -> Timed | None:
 
 
 def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[float], None]) -> Recorded:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        namespace: Of the ankle; None takes the only one that is there.
-        on_progress: Takes the share that was read, 0 to 1.
+    """Read what a bag holds of the ankle in a namespace; None: of the only one. Tell the share that was read, 0 to 1.
 
     Raises:
         InputError: no bag, no ankle in it, several ankles and no namespace, or nothing that was measured.

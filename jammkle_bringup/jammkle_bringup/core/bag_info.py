@@ -68,11 +68,7 @@ class BagInfo:
 
 
 def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
-    """Read a bag's description, and all its messages once, to see that it is whole.
-
-    Args:
-        path: The bag.
-        on_progress: Called now and then with the share that was read, 0 to 1.
+    """Read a bag's description, and all its messages once, to see that it is whole; tell the share that was read.
 
     Raises:
         InputError: it cannot be read, or is damaged.

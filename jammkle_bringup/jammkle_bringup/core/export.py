@@ -246,13 +246,7 @@ class TableFile:
     """One table that is being written. Columns are those of the rows before the first part is written."""
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """Begin a table; the file is made with its first part.
-
-        Args:
-            path: The file, CSV or Parquet by its suffix; written over.
-            columns: Known by now, in order.
-
-        """
+        """Begin a table, CSV or Parquet by its suffix, with these columns; the file is made with its first part."""
         self.path = path
         self.rows = 0
         self.columns = dict.fromkeys(columns)

@@ -90,11 +90,7 @@ class RunSeries:
 
 
 def read_run(path: Path, namespace: str | None = None) -> RunSeries:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        namespace: Normalised namespace; None takes the only one that is there.
+    """Read what a bag holds of the ankle in a normalised namespace; None: of the only one.
 
     Raises:
         InputError: unreadable, empty, no topic of an ankle, or several ankles and no namespace.

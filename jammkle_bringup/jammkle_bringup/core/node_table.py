@@ -254,13 +254,9 @@ def check_parameter_files(
     nodes: Sequence[NodeEntry],
     values: Mapping[str, Mapping[str, object]] | None = None,
 ) -> None:
-    """Check ROS parameter files against the nodes they are for.
+    """Check ROS parameter files, the last of which wins, against the nodes that will run in a normalised namespace.
 
-    Args:
-        paths: The files; the last one wins.
-        namespace: Normalised namespace in which the nodes will run.
-        nodes: The nodes that will be started.
-        values: Parameters that win over the files, by node name or path; see `values_of`.
+    Values, by node name or path as in `values_of`, win over the files.
 
     Raises:
         InputError: a file cannot be read or names a node that is not there, or a node's parameters hold an unknown
@@ -302,11 +298,7 @@ def assignment(text: str) -> tuple[str, str, ParameterValue]:
 
 
 def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
-    """Return name and value of `NAME:=VALUE`, the value read as in a parameter file.
-
-    Args:
-        text: Name and value.
-        typed: What was typed behind -p, for the error.
+    """Return name and value of `NAME:=VALUE`, read as in a parameter file; `typed` is all that was typed behind -p.
 
     Raises:
         InputError: it has another form, or the value is not a single one.

@@ -162,14 +162,7 @@ def _has_ending(path: Path) -> bool:
 
 
 def checked_count(contents: Contents, count: int) -> str:
-    """Compare what the files of a bag hold with what its metadata say.
-
-    Args:
-        contents: The bag.
-        count: Messages in its files.
-
-    Returns:
-        What is worth a word, empty if nothing is.
+    """Compare what the files of a bag hold with what its metadata say; return what is worth a word, empty if nothing.
 
     Raises:
         InputError: messages are missing.

@@ -192,12 +192,8 @@ def name_of(bag: Path) -> str:
 def opened(path: Path, *, quietly: bool = False) -> Iterator[BagReader]:
     """Open a bag folder or a single bag file for reading.
 
-    What is left out of it is said on stderr, once. Types without a definition in it are those of ROS 2 Jazzy, and those
-    that are installed.
-
-    Args:
-        path: The bag.
-        quietly: Say nothing.
+    What is left out of it is said on stderr, once, unless quietly. Types without a definition in it are those of ROS 2
+    Jazzy, and those that are installed.
 
     Raises:
         InputError: there is no bag, it cannot be read, or it is not whole.

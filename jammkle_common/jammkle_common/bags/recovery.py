@@ -314,11 +314,7 @@ class DataSection:
 
 
 def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSection:
-    """Read a file up to its ending, or up to where it was torn off.
-
-    Args:
-        stream: The file, open for reading.
-        on_progress: Called with the share that was read, 0 to 1.
+    """Read an open file up to its ending, or up to where it was torn off; tell the share that was read, 0 to 1.
 
     Raises:
         NoMcapError: no MCAP file, not in chunks, or damaged before its last record.
@@ -421,9 +417,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def complete(stream: BinaryIO, section: DataSection) -> int:
     """Cut off what is torn and write the ending; chunks are given up, the last one first, where there is no room.
 
-    Args:
-        stream: The file, open for reading and writing, without a buffer.
-        section: What it holds; brought up to date.
+    The file is open for reading and writing, without a buffer; the section is brought up to date.
 
     Returns:
         How many messages were given up for want of room.

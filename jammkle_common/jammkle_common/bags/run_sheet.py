@@ -48,11 +48,7 @@ class RunSheet:
 
 
 def read_text(text: str, source: str) -> RunSheet:
-    """Read a run sheet, whatever else the text holds.
-
-    Args:
-        text: YAML, as in `sim_parameters` or in the file.
-        source: What it is from, for the error.
+    """Read a run sheet from YAML, whatever else it holds; `source` is what it is from, for the error.
 
     Raises:
         InputError: it is not YAML, or rig or options are not what they must be.

@@ -61,10 +61,6 @@ class BagLog:
     def __init__(self, path: Path, definitions: MessageDefinitions) -> None:
         """Create the bag.
 
-        Args:
-            path: Folder of the bag; it must not exist.
-            definitions: Where message definitions come from.
-
         Raises:
             InputError: the path exists, or cannot be made.
 
@@ -84,12 +80,9 @@ class BagLog:
             raise InputError(msg) from error
 
     def add_topic(self, topic: str, message_type: str, offered: Callable[[], Sequence[Qos]]) -> None:
-        """Make a topic known. It appears in the bag with its first message.
+        """Make a topic of type `package/msg/Name` known. It appears in the bag with its first message.
 
-        Args:
-            topic: Absolute name.
-            message_type: `package/msg/Name`.
-            offered: Returns the QoS profiles of its publishers; asked at its first message.
+        What its publishers offer is asked for then.
 
         Raises:
             InputError: the type's definition cannot be found.
@@ -99,12 +92,7 @@ class BagLog:
         self._topics.setdefault(topic, _Topic(message_type, offered))
 
     def write(self, topic: str, data: bytes, log_ns: int) -> None:
-        """Write a message.
-
-        Args:
-            topic: Added before.
-            data: Serialised (CDR).
-            log_ns: Log time, ns.
+        """Write a serialised message (CDR) of a topic that was added, with its log time, ns.
 
         Raises:
             OSError: it cannot be written.

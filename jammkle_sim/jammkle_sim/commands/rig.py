@@ -97,13 +97,7 @@ def rig(arguments: list[str]) -> int:
 
 
 def rig_app(run: Callable[[str, dict[str, Any], Any], int]) -> typer.Typer:
-    """Return the command line of all rigs.
-
-    Args:
-        run: Gets the name of the rig, what was asked for beside its own options, by name, and those; returns the exit
-            code.
-
-    """
+    """Return the command line of all rigs; `run` gets a rig's name, the common options by name, and the rig's own."""
     app = typer.Typer(
         help="Run a rig without the graph, as fast as it can, and write a bag.",
         pretty_exceptions_enable=False,

@@ -52,10 +52,10 @@ class Engine:
         *,
         start_paused: bool = False,
     ) -> None:
-        """Put the parts together.
+        """Put the parts together; time begins where the simulation stands.
 
         Args:
-            simulation: What is driven; time begins where it stands.
+            simulation: What is driven.
             periods: Steps between two of each output.
             pacer: Pace.
             now_s: Real time, s, from a steady clock.
@@ -190,10 +190,7 @@ class Engine:
             self.restart_pace()
 
     def begin_steps(self, steps: int) -> None:
-        """Take steps while paused, in the cycles to come.
-
-        Args:
-            steps: How many, 1 to MAX_STEPS.
+        """Take 1 to MAX_STEPS steps while paused, in the cycles to come.
 
         Raises:
             RefusedError: the number is out of range, or simulated time is not paused.
@@ -419,12 +416,7 @@ def timestep_ns(timestep_s: float) -> int:
 
 
 def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
-    """Whole number of steps between two outputs.
-
-    Args:
-        rate_hz: Rate wanted, Hz.
-        timestep_s: Simulation step, s.
-        max_rate_hz: Highest rate to name in the error, Hz.
+    """Whole number of steps between two outputs; no rate above the highest is named as a way out.
 
     Raises:
         RateError: the rate is not the step rate divided by a whole number.
@@ -453,12 +445,7 @@ class Schedule:
     """Outputs by step, counted from the last (re)start of the rig. An output of period n is due at n, 2n, 3n ..."""
 
     def __init__(self, periods: Mapping[Output, int]) -> None:
-        """Take the periods.
-
-        Args:
-            periods: Steps between two of each output, each at least 1.
-
-        """
+        """Take the steps between two of each output, each at least 1."""
         if not periods or min(periods.values()) < 1:
             msg = f"every output needs a period of at least one step, not {dict(periods)}"
             raise ValueError(msg)

@@ -110,13 +110,7 @@ class Lockstep:
         self._repeated_s = self._now_s()
 
     def answered(self, name: str, stamp_ns: int) -> None:
-        """Take an answer.
-
-        Args:
-            name: Of the participant.
-            stamp_ns: Up to which it is done, ns.
-
-        """
+        """Take the answer of a participant: up to which stamp, ns, it is done."""
         if self._tick_ns is None:
             return
         before = self._known.get(name)

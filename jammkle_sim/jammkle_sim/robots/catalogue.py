@@ -47,10 +47,6 @@ def ankle_alone(parameters: AnkleParameters | None = None) -> Robot:
     """Build an ankle that hangs on nothing but a fixed base, with the IMU at the centre of its joint, as the rigs have.
 
     The base has no mass; its origin is the centre of the ball joint, and so is that of the rigs' load cell.
-
-    Args:
-        parameters: Its constants; None: as they stand.
-
     """
     spec = new_spec(ANKLE, RobotOptions().timestep_s)
     spec.worldbody.add_body(name=BASE_FRAME)

@@ -46,14 +46,7 @@ class LegControl(LimbControl):
     """Targets of hip and knee, and of the boom while it walks."""
 
     def __init__(self, model: Any, building: Building, parameters: LegParameters) -> None:
-        """Know where the controls are.
-
-        Args:
-            model: The mujoco.MjModel.
-            building: The leg that it was made from.
-            parameters: Its sizes.
-
-        """
+        """Know where the controls are."""
         self._limb = parameters.limb
         phases, share, push_m = {ANKLE: 0.0}, parameters.bearing_share, parameters.push_m
         super().__init__(model, building, self._limb, (HIP, KNEE), phases, share, push_m)
@@ -76,9 +69,6 @@ class LegControl(LimbControl):
 
 def leg(options: RobotOptions) -> Robot:
     """Build the leg.
-
-    Args:
-        options: What it does, where.
 
     Raises:
         ParameterError: an option out of range.

@@ -75,14 +75,7 @@ class QuadrupedControl(LimbControl):
     """Targets of all twelve servos; legs hang down along gravity, the trunk is along the ground."""
 
     def __init__(self, model: Any, building: Building, parameters: QuadrupedParameters) -> None:
-        """Know where the controls are.
-
-        Args:
-            model: The mujoco.MjModel.
-            building: The quadruped that it was made from.
-            parameters: Its sizes.
-
-        """
+        """Know where the controls are."""
         servos = [f"{corner.leg}_{joint}" for corner in CORNERS for joint in (ABDUCTION, HIP, KNEE)]
         phases = {corner.ankle: corner.phase for corner in CORNERS}
         super().__init__(model, building, parameters.limb, servos, phases, parameters.bearing_share)
@@ -130,9 +123,6 @@ def stance_rad(
 
 def quadruped(options: RobotOptions) -> Robot:
     """Build the quadruped.
-
-    Args:
-        options: What it does, where.
 
     Raises:
         ParameterError: an option out of range.

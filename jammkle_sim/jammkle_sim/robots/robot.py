@@ -142,13 +142,7 @@ class FollowingControl:
     """Lets a robot's joints follow courses, in place of what its own control asks of them."""
 
     def __init__(self, model: Any, own: JointControl) -> None:
-        """Begin with what its own control asks.
-
-        Args:
-            model: The mujoco.MjModel.
-            own: Its own control.
-
-        """
+        """Begin with what its own control asks."""
         self._model, self._own = model, own
         self._course: JointCourse | None = None
         self._begun_s: float | None = None

@@ -38,13 +38,7 @@ class Trace:
     """A ring of samples in rising time. What comes from before the latest one starts it anew."""
 
     def __init__(self, signals: int, capacity: int) -> None:
-        """Make an empty ring.
-
-        Args:
-            signals: Values per sample.
-            capacity: Samples that it keeps.
-
-        """
+        """Make an empty ring of samples with so many values each."""
         self._time_s = np.zeros(capacity)
         self._values = np.zeros((capacity, signals))
         self._next = 0

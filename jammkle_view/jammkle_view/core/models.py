@@ -51,12 +51,7 @@ class Kinematics:
     """A model that is moved by the positions of its joints, without any dynamics."""
 
     def __init__(self, model: Any) -> None:
-        """Stand at the model's start.
-
-        Args:
-            model: The mujoco.MjModel; a keyframe, if it has one, is the start.
-
-        """
+        """Stand at the start of a mujoco.MjModel: at its keyframe, if it has one."""
         self._model = model
         self._data = mujoco.MjData(model)
         if model.nkey:
@@ -86,10 +81,10 @@ class Kinematics:
         self.move({})
 
     def move(self, positions: Mapping[str, float], base: Base | None = None) -> None:
-        """Put joints where they are.
+        """Put joints where they are, rad or m; names that the model does not have are passed over.
 
         Args:
-            positions: By name, rad or m; those that the model does not have are passed over.
+            positions: By name.
             base: Where the body that carries the robot is; None: where the model has it.
 
         """
@@ -226,12 +221,7 @@ class Setting:
 
 
 def setting_of(description: str) -> Setting:
-    """Return what a text of sim_parameters describes; a hanging ankle where it describes nothing that is known.
-
-    Args:
-        description: YAML with `rig` or `robot`, `options` and the constants of the ankle; may be empty.
-
-    """
+    """Return what a text of sim_parameters describes; a hanging ankle where it describes nothing that is known."""
     content = described(description)
     try:
         if "robot" in content:

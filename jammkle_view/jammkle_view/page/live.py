@@ -39,14 +39,7 @@ class LivePage:
     """Scene, plots, controls of all ankles. One thread feeds it; what is clicked is handed on from others."""
 
     def __init__(self, server: viser.ViserServer, ankles: Sequence[str], request: Callable[[Request], None]) -> None:
-        """Lay the page out.
-
-        Args:
-            server: Running.
-            ankles: Names, one or several.
-            request: Takes what is asked for, from any thread.
-
-        """
+        """Lay the page of these ankles out; what is asked for is handed on from any thread."""
         self._server, self._request = server, request
         self._ankles = tuple(ankles)
         gui = server.gui
@@ -221,14 +214,7 @@ class AnkleControls:
     """What can be asked of one ankle, and what its channels are doing."""
 
     def __init__(self, gui: viser.GuiApi, ankle: str, request: Callable[[Request], None]) -> None:
-        """Lay it out where the interface stands.
-
-        Args:
-            gui: Of the page.
-            ankle: Whose.
-            request: Takes what is asked for, from any thread.
-
-        """
+        """Lay it out where the interface stands; what is asked for is handed on from any thread."""
         self._ankle, self._request = ankle, request
         self._states: dict[str, viser.GuiHtmlHandle] = {}
         self._shown: dict[str, str] = {}
@@ -333,26 +319,14 @@ class SimControls:
     """What can be asked of the simulation, in a folder that is out of sight until there is one."""
 
     def __init__(self, gui: viser.GuiApi, request: Callable[[Request], None]) -> None:
-        """Keep a place for it where the interface stands.
-
-        Args:
-            gui: Of the page.
-            request: Takes what is asked for, from any thread.
-
-        """
+        """Keep a place for it where the interface stands; what is asked for is handed on from any thread."""
         self._gui, self._request = gui, request
         self._folder = gui.add_folder("Simulation", visible=False)
         self._ankles: tuple[str, ...] = ()
         self._sliders: dict[str, viser.GuiSliderHandle[float]] = {}
 
     def offer(self, ankles: tuple[str, ...], knobs: tuple[Knob, ...]) -> None:
-        """Show what can be asked for, once it is known; each simulation that is there is asked.
-
-        Args:
-            ankles: In whose namespaces the simulations are.
-            knobs: What can be turned.
-
-        """
+        """Show what can be turned, once it is known, of the simulations in these namespaces; each of them is asked."""
         known, self._ankles = self._ankles, ankles
         if known:
             return
