@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from jammkle_common.names import Topic
 
 _CHANGES_DEPTH = 100
-_LIVE_DEPTH = 10
-"""So that a stop which is taken back at once is still seen."""
 
 
 def _profile(delivery: Delivery) -> QoSProfile:
@@ -84,15 +82,6 @@ def answer_qos() -> QoSProfile:
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def live_qos() -> QoSProfile:
-    """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
-
-    A latched subscription never sees such a publisher. Where missing one is dangerous (the emergency stop),
-    subscribe twice: with `subscriber_qos` for late joining, and with this.
-    """
-    return _profile(Delivery(_LIVE_DEPTH, reliable=True))
-
-
 _DEPTH = 10
 """Messages that wait, so that a stop which is taken back at once is still seen."""
 
@@ -135,7 +124,8 @@ def subscribe_to_any(
     """
     profiles = [subscriber_qos(topic), newest_qos(_DEPTH)]
     if subscribed(topic).latched:
-        profiles.insert(1, live_qos())
+        # of those that do not latch, as `ros2 topic pub` by default does not, a latched subscription sees nothing
+        profiles.insert(1, _profile(Delivery(_DEPTH, reliable=True)))
     silent = SubscriptionEventCallbacks(use_default_callbacks=False)
     return tuple(
         node.create_subscription(message_type, topic.name, with_info(callback), profile, event_callbacks=silent)

@@ -247,7 +247,7 @@ class _Noted:
         joints = dict(view.joint_positions())  # plots know them by the ankle's own names, the model by its
         for name, ankle in simulation.ankles.items():
             naming = self._namings[name if len(simulation.ankles) > 1 else ""]
-            joints |= {naming.joint(joint): value for joint, value in ankle.joint_positions().items()}
+            joints |= {naming.get(joint, joint): value for joint, value in ankle.joint_positions().items()}
         self._joints.append(time_s, joints)
 
     def run(self, model: Any, start_s: float) -> SimulatedRun:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
+from jammkle_common.bags.contents import profiles
 from jammkle_common.bags.reading import namespaces_in, opened
 from jammkle_common.bags.run_sheet import read_sheet
 from jammkle_common.bags.times import BagTimes, Span, other_clock
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from jammkle_common.bags.reading import Connection
+    from jammkle_common.bags.storage import Connection
 
 _PROGRESS_MESSAGES = 10_000
 
@@ -100,15 +101,15 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
 
 
 def _topic(connection: Connection, span: Span, times: BagTimes) -> TopicInfo:
-    profiles = connection.profiles()
+    offered = profiles(connection.offered)
     return TopicInfo(
         name=connection.topic,
         message_type=connection.msgtype,
         count=connection.msgcount,
         rate_hz=span.rate_hz,
         rate_by=times.source(connection).value,
-        reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
-        durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
+        reliability=", ".join(sorted({profile.reliability.name.lower() for profile in offered})),
+        durability=", ".join(sorted({profile.durability.name.lower() for profile in offered})),
     )
 
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader
+    from jammkle_common.bags.storage import Connection
 
 TIME = "time_s"
 RUN = "run"

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader
+    from jammkle_common.bags.storage import Connection
 
 KNOWN_JOINTS: tuple[str, ...] = (*ANKLE_JOINTS, *LEG_JOINTS, CARRIAGE_JOINT)
 _WORD = re.compile(r"[^\s=,]+")

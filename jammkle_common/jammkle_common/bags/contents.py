@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Qos
 
-    from jammkle_common.bags.storage import BagFile, StoredChannel
+    from jammkle_common.bags.storage import BagFile, Connection
 
 SUFFIX = ".mcap"
 """Of the files that a recorder of ours writes, and that can be completed."""
@@ -320,7 +320,7 @@ def profiles(text: str) -> list[Qos]:
 
 
 def _message_count(file: BagFile) -> int:
-    return sum(channel.message_count for channel in file.channels)
+    return sum(channel.msgcount for channel in file.channels)
 
 
 def _time_span(first_ns: int, last_ns: int) -> dict[str, Any]:
@@ -334,26 +334,26 @@ def _topic_entries(files: Iterable[BagFile]) -> list[dict[str, Any]]:
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
     for channel in (each for file in files for each in file.channels):
         topic = found.setdefault(
-            (channel.topic, channel.message_type, channel.qos),
+            (channel.topic, channel.msgtype, channel.offered),
             {
                 "topic_metadata": {
                     "name": channel.topic,
-                    "type": channel.message_type,
+                    "type": channel.msgtype,
                     "serialization_format": channel.encoding,
-                    "offered_qos_profiles": dump_qos_v9(profiles(channel.qos)),
-                    "type_description_hash": channel.type_hash or _type_hash(channel),
+                    "offered_qos_profiles": dump_qos_v9(profiles(channel.offered)),
+                    "type_description_hash": channel.digest or _type_hash(channel),
                 },
                 "message_count": 0,
             },
         )
-        topic["message_count"] += channel.message_count
+        topic["message_count"] += channel.msgcount
     return list(found.values())
 
 
-def _type_hash(channel: StoredChannel) -> str:
+def _type_hash(channel: Connection) -> str:
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(channel.definition.decode(), channel.message_type))
-        return store.hash_rihs01(channel.message_type)
+        store.register(get_types_from_msg(channel.definition.decode(), channel.msgtype))
+        return store.hash_rihs01(channel.msgtype)
     except Exception:  # noqa: BLE001 - a definition of another language, or a broken one: the hash may be empty
         return ""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from jammkle_common.bags.storage import StoredChannel
+    from jammkle_common.bags.storage import Connection
 
 _SEPARATOR = "=" * 80 + "\n"
 _PARTS = 3
@@ -144,14 +144,14 @@ class KnownTypes:
         self._installed = MessageDefinitions(share_folders())
         self._seen: set[tuple[str, bytes]] = set()
 
-    def add(self, channel: StoredChannel) -> None:
+    def add(self, channel: Connection) -> None:
         """Make the type of a channel known, with all that it is made of.
 
         Raises:
             UndecodableError: a definition is missing or broken, or another channel has another type of that name.
 
         """
-        name = channel.message_type
+        name = channel.msgtype
         if (name, channel.definition) in self._seen:
             return
         if not name:
@@ -170,26 +170,26 @@ class KnownTypes:
             raise UndecodableError(msg) from error
         self._seen.add((name, channel.definition))
 
-    def _defined(self, channel: StoredChannel) -> dict[str, Any]:
+    def _defined(self, channel: Connection) -> dict[str, Any]:
         """Return what the definition of a channel holds."""
-        if not channel.definition.strip() and channel.message_type not in self._store.fielddefs:
+        if not channel.definition.strip() and channel.msgtype not in self._store.fielddefs:
             return {}
         try:
             text = channel.definition.decode()
             if channel.language in _IDL_LANGUAGES:
                 return _from_idl(text)
             if text.strip():
-                return dict(get_types_from_msg(text, channel.message_type))
+                return dict(get_types_from_msg(text, channel.msgtype))
         except Exception as error:
-            msg = f"the definition of its type {channel.message_type} cannot be read: {_line(error)}"
+            msg = f"the definition of its type {channel.msgtype} cannot be read: {_line(error)}"
             raise UndecodableError(msg) from error
         return {}
 
-    def differs(self, channel: StoredChannel) -> bool:
+    def differs(self, channel: Connection) -> bool:
         """Return whether a channel defines its type otherwise than ROS 2 Jazzy does, which knows it."""
-        usual = self._jazzy.fielddefs.get(channel.message_type)
+        usual = self._jazzy.fielddefs.get(channel.msgtype)
         try:
-            own = self._defined(channel).get(channel.message_type)
+            own = self._defined(channel).get(channel.msgtype)
         except UndecodableError:
             return False
         return usual is not None and own is not None and usual[1] != own[1]

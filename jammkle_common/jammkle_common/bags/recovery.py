@@ -187,7 +187,7 @@ def _needs_metadata(contents: Contents) -> bool:
     if contents.missing or contents.unnamed or contents.unfinished or contents.counted is None:
         return True
     with contextlib.ExitStack() as stack:
-        counted = (each.message_count for file in open_files(contents, stack) for each in file.channels)
+        counted = (each.msgcount for file in open_files(contents, stack) for each in file.channels)
         return contents.counted != sum(counted)
 
 
@@ -249,7 +249,7 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
     """Return what the metadata say of the compression of a bag, by what its files are."""
     if any(name.endswith(COMPRESSED) for name in names):
         return "FILE"
-    keys = [{channel.key for channel in file.channels} for file in files]
+    keys = [{channel.id for channel in file.channels} for file in files]
     first = next(merged(files, keys), None)
     return "MESSAGE" if first is not None and first[-1].startswith(ZSTD) else ""
 

@@ -6,30 +6,14 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-
-class SteppedSimulation(Protocol):
-    """What the engine needs of the simulation that it drives."""
-
-    @property
-    def timestep_s(self) -> float:
-        """Length of one step, s; a whole number of nanoseconds."""
-
-    @property
-    def time_s(self) -> float:
-        """Simulated time since construction, s; never falls, not even in a reset."""
-
-    def advance(self, steps: int) -> None:
-        """Take steps."""
-
-    def reset(self) -> None:
-        """Restore the state and the noise seeds of the start."""
+    from jammkle_sim.rigs.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -45,7 +29,7 @@ class Engine:
 
     def __init__(
         self,
-        simulation: SteppedSimulation,
+        simulation: Simulation,
         periods: Mapping[Output, int],
         pacer: Pacer,
         now_s: Callable[[], float],

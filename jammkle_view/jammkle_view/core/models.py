@@ -188,20 +188,8 @@ HANGING = "pressure"
 """Rig that stands for an ankle of which nothing says what it stands in: it hangs in the air."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Naming:
-    """What an ankle's parts are called in the model, by what its topics call them. What is not here is called alike."""
-
-    joints: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    tendons: Mapping[str, str] = dataclasses.field(default_factory=dict)
-
-    def joint(self, name: str) -> str:
-        """Return the name of a joint in the model."""
-        return self.joints.get(name, name)
-
-    def tendon(self, name: str) -> str:
-        """Return the name of a tendon in the model."""
-        return self.tendons.get(name, name)
+Naming = dict[str, str]
+"""What an ankle's joints and tendons are called in the model, by what its topics call them. Others are called alike."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,7 +202,7 @@ class Setting:
     """By name."""
     model: Any
     """The mujoco.MjModel."""
-    ankles: Mapping[str, Naming] = dataclasses.field(default_factory=lambda: {"": Naming()})
+    ankles: Mapping[str, Naming] = dataclasses.field(default_factory=lambda: {"": {}})
     """Its ankles, by namespace below that of the whole; a single one is in that."""
     floats: bool = False
     """Whether nothing says where its body is: it is then drawn with its lowest foot on the ground."""
@@ -263,10 +251,10 @@ def _robot(name: str, content: Mapping[str, Any]) -> Setting:
     built = robot(name, RobotOptions(**known(RobotOptions, content)))
     several = len(built.ankles) > 1
     ankles = {
-        ankle.name if several else "": Naming(
-            {**{joint: ankle.named(joint) for joint in ANKLE_JOINTS}, **ankle.joints},
-            {tendon: ankle.named(tendon) for tendon in TENDONS},
-        )
+        ankle.name if several else "": {
+            **{name: ankle.named(name) for name in (*ANKLE_JOINTS, *TENDONS)},
+            **ankle.joints,
+        }
         for ankle in built.ankles
     }
     return Setting(name, _options(content), built.model, ankles, floats=True)
