@@ -72,7 +72,8 @@ def _environment() -> Iterator[None]:
     os.environ.clear()
     os.environ.update(before)
     for number, handler in handlers.items():
-        signal.signal(number, handler)
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
 
 
 def wait_until(predicate: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
