@@ -74,13 +74,9 @@ class _Seen:
 def demo(
     make_folder: Callable[[], Path], namespace: str, hidden: HiddenEffect, asked_to_stop: Callable[[], bool]
 ) -> DemoResult:
-    """Run the demo.
+    """Run the demo in a normalised namespace, with something hidden in the ankle that the diagnosis does not know.
 
-    Args:
-        make_folder: Makes the run's folder; called once it is known that the demo can start.
-        namespace: Normalised namespace.
-        hidden: What is done to the simulated ankle; the diagnosis does not know it.
-        asked_to_stop: Ends the demo early once it returns True.
+    The run's folder is made once it is known that the demo can start.
 
     Raises:
         InputError: a graph is already up in the namespace, or the folder cannot be made.

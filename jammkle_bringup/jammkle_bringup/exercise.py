@@ -473,14 +473,9 @@ class Limb:
         return self._together(course.roll_rad, hip_rad, course.pitch_rad - lean_rad - hip_rad)
 
     def pressing_rad(self, course: ShankCourse, hip_height_m: float) -> Floats:
-        """Return the angles that press a shank onto the ground straight down, shape (n, joints).
+        """Return the angles that press a shank straight down onto the ground, shape (n, joints).
 
         It is tilted as asked above the ground. On its way down it turns with the leg, by a few degrees.
-
-        Args:
-            course: Poses.
-            hip_height_m: Of the hip over the ground, m.
-
         """
         limb = self.parameters
         along_m = (course.height_m - hip_height_m - self.offset_m * np.sin(course.roll_rad)) / np.cos(course.roll_rad)

@@ -116,16 +116,7 @@ class LockstepNode(Node):
         return float(clock.now().nanoseconds) / NANOSECONDS_PER_SECOND
 
     def every(self, period_s: float, callback: Callable[[], object]) -> Callable[[], None]:
-        """Call `callback` regularly, by the time that this node lives in.
-
-        Args:
-            period_s: Period, s, > 0.
-            callback: The work.
-
-        Returns:
-            Ends it.
-
-        """
+        """Call `callback` every period, s, > 0, by the time that this node lives in; return what ends that."""
         if not self._simulated:
             timer = self.create_timer(period_s, callback, clock=self._steady)
             return lambda: self.destroy_timer(timer)

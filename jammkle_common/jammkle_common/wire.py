@@ -53,15 +53,9 @@ class Measured(NamedTuple):
 
 
 def read(serialized: bytes, doubles: int) -> Measured | None:
-    """Return what stands in a serialized message.
+    """Return what stands in a serialized message of a header and so many doubles; a std_msgs/Header itself has none.
 
-    Args:
-        serialized: As a raw subscription gets it.
-        doubles: How many follow its header; none of a std_msgs/Header itself.
-
-    Returns:
-        None where it is not little-endian plain CDR of that many doubles: let rclpy deserialize it.
-
+    None where it is not little-endian plain CDR of that many: let rclpy deserialize it.
     """
     if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
         return None
@@ -96,13 +90,7 @@ class Writer:
         self._bytes[_TEXT_BEGIN : _TEXT_BEGIN + len(text)] = text
 
     def write(self, time_ns: int, values: Sequence[float] = ()) -> bytes:
-        """Return the serialized message.
-
-        Args:
-            time_ns: Stamp, ns.
-            values: All numbers behind the header, in the order of the message's fields.
-
-        """
+        """Return the serialized message with a stamp, ns, and the numbers behind the header, in their order."""
         seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
         _HEADER.pack_into(self._bytes, _ENCAPSULATION.size, seconds, nanoseconds, self._length)
         self._numbers.pack_into(self._bytes, self._begin, *values)

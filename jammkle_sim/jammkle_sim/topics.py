@@ -54,15 +54,7 @@ class AnkleOutputs:
     """Publishers of one ankle's outputs, sampled at the moment of publishing."""
 
     def __init__(self, node: Node, simulation: Simulation, name: str, outputs: Collection[Output]) -> None:
-        """Make the publishers.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated, whichever machine that is.
-            name: Of the ankle.
-            outputs: What it can publish.
-
-        """
+        """Make the publishers on the sim node of what an ankle, by its name, can publish."""
         self._within = within = namespaces(simulation)[name]
         self._simulation, self._name = simulation, name
         tendons = tuple(tendon.name for tendon in self._ankle.tendons())
@@ -166,16 +158,7 @@ class SimulatedBoard:
         on_change: Callable[[], None],
         time_s: Callable[[], float],
     ) -> None:
-        """Subscribe on `node`.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated, whichever machine that is.
-            name: Of the ankle that obeys.
-            on_change: Called when `refused` or `let_go` becomes something else.
-            time_s: Gives simulated time, s; the simulated board and its watchdog live in it.
-
-        """
+        """Subscribe on the sim node for an ankle, by its name; its board lives in simulated time, and tells changes."""
         self._within = within = namespaces(simulation)[name]
         self._simulation, self._name = simulation, name
         self.received = 0

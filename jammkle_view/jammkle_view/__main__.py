@@ -20,15 +20,7 @@ def main() -> int:
 
 
 def run_loaded(module: str, node: str, needs: str, way_out: str) -> int:
-    """Run a node of a module, which is loaded under the runner's signal handlers: that takes a second.
-
-    Args:
-        module: That has the node.
-        node: Name of its class.
-        needs: Library that it cannot do without.
-        way_out: What to say where that is not installed.
-
-    """
+    """Run a node of a module, loaded under the runner's signal handlers, as that takes a second; it needs a library."""
 
     def make_node():  # noqa: ANN202 - what the module has
         if importlib.util.find_spec(needs) is None:

@@ -69,13 +69,7 @@ class Overlay:
 
 
 def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path | None) -> Overlay:
-    """Run again what a bag holds.
-
-    Args:
-        path: The bag.
-        recorded: The same as read for the page.
-        rig: What it was recorded on, where the bag does not say.
-        corrected: Effects file that the simulator is corrected by; None: nominal.
+    """Run again what a bag holds, of this rig if the bag does not say, corrected by an effects file or nominal.
 
     Raises:
         InputError: the effects file cannot be used, or the recording cannot be run again; the message says why.

@@ -108,16 +108,7 @@ class PlaybackPage:
     def __init__(
         self, server: viser.ViserServer, recorded: Recorded, overlay: Overlay | None, why_not: str, player: Player
     ) -> None:
-        """Lay the page out.
-
-        Args:
-            server: Running.
-            recorded: What is played back.
-            overlay: Its simulation; None: there is none.
-            why_not: Why there is none; may be empty.
-            player: Is moved by what is clicked, and moves the page.
-
-        """
+        """Lay the page out; clicks move the player, which moves the page. `why_not`: why there is no overlay."""
         self._server, self._recorded, self._overlay, self._player = server, recorded, overlay, player
         self._slider_s = 0.0
         setting = setting_of(recorded.description)

@@ -205,15 +205,7 @@ def command_of(
     values: dict[str, ParameterValue],
     parameter_files: tuple[str, ...] = (),
 ) -> tuple[str, ...]:
-    """Return the command that starts a node in a normalised namespace.
-
-    Args:
-        entry: The node.
-        namespace: Normalised namespace of the graph.
-        values: Parameters that win over the files.
-        parameter_files: YAML files, the last one wins.
-
-    """
+    """Return the command that starts a node in a normalised namespace; values win over files, the last over all."""
     full = resolved(namespace, entry.within) if entry.within else namespace
     arguments = ["-r", f"__ns:={full}"]
     for file in parameter_files:

@@ -291,11 +291,7 @@ class Serialiser:
         self._store = get_typestore(Stores.EMPTY)
 
     def serialised(self, message_type: str, message: Any) -> bytes:
-        """Return a message as CDR, little endian.
-
-        Args:
-            message_type: `package/msg/Name`.
-            message: Anything with the attributes that the type names.
+        """Return a message of `package/msg/Name`, anything with its attributes, as CDR, little endian.
 
         Raises:
             InputError: the type's definition cannot be found.

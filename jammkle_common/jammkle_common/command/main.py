@@ -71,13 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run(command: typer.Typer, arguments: list[str] | None = None) -> int:
-    """Run a command line and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
-
-    Args:
-        command: With its arguments and what they do.
-        arguments: Words after the program's name; None: those of this process.
-
-    """
+    """Run a command line, None: of this process; return 0 done, 1 failed, 2 bad input, 130 interrupted."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name of a file may be no text

@@ -138,12 +138,8 @@ Timed = tuple[int, int, Topic, Callable[[], Any]]
 def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator[tuple[int, Topic, Any]]:
     """Give every message of a run in the order of time, sensors before commands, without /clock.
 
-    A message may be filled anew for the next one: it must be used before the next is asked for.
-
-    Args:
-        run: The run.
-        namespace: Normalised namespace of the ankle, for the name that diagnostics carry.
-        robot_namespace: That of its robot, if it is another.
+    A message may be filled anew for the next one: it must be used before the next is asked for. Namespaces are those of
+    the ankle, for the name that diagnostics carry, and of its robot, if that is another.
 
     Yields:
         Time, ns since the start of the rig; topic; message, or the bytes of one.

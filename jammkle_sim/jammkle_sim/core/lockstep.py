@@ -61,13 +61,7 @@ class Lockstep:
     """Keeps the account of ticks and answers."""
 
     def __init__(self, timeout_s: float, now_s: Callable[[], float]) -> None:
-        """Know nobody yet.
-
-        Args:
-            timeout_s: Real time, s, after which a silent participant is waited for no more; 0: never.
-            now_s: Real time, s, of a steady clock.
-
-        """
+        """Know nobody yet; who is silent for so long, s by a steady clock, is waited for no more, 0: for ever."""
         self.timeout_s = timeout_s
         self._now_s = now_s
         self._known: dict[str, _Participant] = {}

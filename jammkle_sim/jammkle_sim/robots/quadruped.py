@@ -100,12 +100,12 @@ def stance_rad(
     forward_m: float = 0.0,
     up_m: float = 0.0,
 ) -> tuple[float, float, float]:
-    """Return abduction, hip and knee of a leg, rad.
+    """Return abduction, hip and knee of a leg, rad, with the trunk along the slope.
 
     Args:
         parameters: Sizes.
         corner: Which leg.
-        slope_rad: Inclination of the ground, and of the trunk along it.
+        slope_rad: Inclination of the ground.
         back_m: How far behind its hip, level, the ankle stands.
         forward_m: How far the ankle is forward of where it stands, along the ground.
         up_m: How far it is off the ground.

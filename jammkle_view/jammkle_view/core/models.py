@@ -163,16 +163,7 @@ class Kinematics:
 def along(
     begins_m: NDArray[np.float64], ends_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how to lay unit cylinders, whose axis is z, along straight pieces.
-
-    Args:
-        begins_m: Shape (n, 3), m.
-        ends_m: Shape (n, 3), m.
-
-    Returns:
-        Quaternions (w, x, y, z), shape (n, 4), and lengths, shape (n,), m.
-
-    """
+    """Return turns (w, x, y, z), (n, 4), and lengths, m, that lay cylinders along z from begins to ends, (n, 3), m."""
     way_m = ends_m - begins_m
     length_m: NDArray[np.float64] = np.linalg.norm(way_m, axis=1)
     axis = way_m / np.maximum(length_m, 1e-9)[:, np.newaxis]

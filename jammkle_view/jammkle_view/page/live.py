@@ -83,14 +83,7 @@ class LivePage:
         self._sim.show("speed", speed)
 
     def show(self, ankles: Mapping[str, Ankle], factor: float, now_s: float) -> None:
-        """Show what is known now.
-
-        Args:
-            ankles: By name.
-            factor: Robot's time per real time; NaN where it is not known.
-            now_s: Real time, s, from a steady clock.
-
-        """
+        """Show what is known of the ankles now, by a steady clock, s; the factor is NaN where it is not known."""
         with self._server.atomic():
             self._show_robots(ankles)
             if now_s >= self._next_plot_s:
