@@ -175,9 +175,12 @@ class Recorder(Node):
         self.received += 1
         with self._keeping_failure():
             self._keep(message)
-            self._times.take(message)
-            if name == self._sim_parameters:
-                self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+            self._log_one(message)
+
+    def _log_one(self, message: Received) -> None:
+        self._times.take(message)
+        if message.topic == self._sim_parameters:
+            self._log.set_custom_data(SIM_PARAMETERS.name, deserialize_message(message.data, String).data)
 
     def _write(self, message: Received, log_ns: int) -> None:
         self._log.write(message.topic, message.data, log_ns)
@@ -216,9 +219,7 @@ class Recorder(Node):
         self._times = LogTimes(TimeSource.SIMULATED, self._write, self._is_of_clock_maker)
         kept, self._kept = self._kept, []
         for message in kept:
-            self._times.take(message)
-            if message.topic == self._sim_parameters:
-                self._log.set_custom_data(SIM_PARAMETERS.name, _text(message.data))
+            self._log_one(message)
 
     def _flush(self) -> None:
         with self._keeping_failure():
@@ -294,11 +295,6 @@ def _bag_qos(profile: QoSProfile) -> Qos:
         time_of(profile.liveliness_lease_duration),
         profile.avoid_ros_namespace_conventions,
     )
-
-
-def _text(data: bytes) -> str:
-    message: Any = deserialize_message(data, String)
-    return str(message.data)
 
 
 def _begins_with_time(kind: Any) -> bool:

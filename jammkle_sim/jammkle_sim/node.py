@@ -136,7 +136,7 @@ class SimNode(Node):
         end_s = time.monotonic() + _LONGEST_WORK_S
         while True:
             if not self._participants.ready():
-                if self._participants.to_repeat():
+                if self._participants.account.to_repeat():
                     self._tick(self._engine.time_ns)
                 return _LONGEST_WAIT_S
             self._requests.answer_finished_steps()
@@ -177,7 +177,7 @@ class SimNode(Node):
         if self._engine.state is not RunState.RUNNING:
             self._tick(tick.time_ns)
         elif self._clock_output.run(tick.time_ns):
-            self._participants.sent(tick.time_ns)
+            self._participants.account.sent(tick.time_ns)
         self._diagnostics.at(self._time_s())
 
     def _time_s(self) -> float:
@@ -186,14 +186,14 @@ class SimNode(Node):
     def _tick(self, time_ns: int) -> None:
         """Publish /clock, where that is this node's to make, and wait for the answers."""
         if self._clock_output.publish(time_ns):
-            self._participants.sent(time_ns)
+            self._participants.account.sent(time_ns)
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
         """Run until asked to stop: a cycle, then callbacks until the next one is due."""
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
-            if not self._participants.any:
+            if not self._participants.account.participants:
                 self._serve_drivers(executor)
 
     def _serve_drivers(self, executor: Executor) -> None:
@@ -224,7 +224,7 @@ class SimNode(Node):
     def _take_changes(self, changed: RunParameters) -> None:
         self._wanted = changed
         self._engine.set_speed(changed.speed)
-        self._participants.set_timeout(changed.lockstep_timeout_s)
+        self._participants.account.timeout_s = changed.lockstep_timeout_s
         if not self._engine.begun:
             self._engine.set_start_time(changed.start_time_s)
 
@@ -263,7 +263,7 @@ class SimNode(Node):
     def _health(self) -> list[Health]:
         return [
             self._simulation_health(),
-            self._participants.health(),
+            self._participants.account.health(),
             *(each.health() for pair in zip(self._outputs, self._boards, strict=True) for each in pair),
             self._liveness.health(),
         ]
@@ -452,14 +452,15 @@ class Participants:
         """
         self._node = node
         self._on_change = on_change
-        self._account = Lockstep(parameters.lockstep_timeout_s, time.monotonic)
+        self.account = Lockstep(parameters.lockstep_timeout_s, time.monotonic)
+        """Of ticks and answers; nobody is known where it does not wait for others."""
         self._topics = [resolved(node.get_namespace(), below(within, LOCKSTEP)) for within in {"", *ankles}]
         self._looked_s = 0.0
         self._reported = 0
         self._other: Publisher | None = None
-        self._other_tick_ns: int | None = None
+        self.limit_ns: int | None = None
+        """How far another simulation's clock has ticked, ns; None: no other one's has."""
         self._answered_ns: int | None = None
-        self._waits = parameters.lockstep
         self._writer = wire.Writer(node.get_fully_qualified_name(), 0)
         if not parameters.lockstep:
             return
@@ -468,47 +469,22 @@ class Participants:
         if not parameters.publish_clock:
             node.create_subscription(Clock, CLOCK.name, self._take_tick, subscriber_qos(CLOCK))
 
-    @property
-    def any(self) -> bool:
-        """Whether anybody is waited for."""
-        return self._waits and bool(self._account.participants)
-
-    @property
-    def limit_ns(self) -> int | None:
-        """How far another simulation's clock has ticked, ns; None: no other one's has."""
-        return self._other_tick_ns
-
-    def set_timeout(self, timeout_s: float) -> None:
-        """Wait for silent participants so long from now on, s of real time; 0: for ever."""
-        self._account.timeout_s = timeout_s
-
-    def sent(self, tick_ns: int) -> None:
-        """Note that a tick of this simulation's own clock was published, with its stamp, ns."""
-        if self._waits:
-            self._account.sent(tick_ns)
-
     def ready(self) -> bool:
         """Return whether the next step may be taken."""
-        if not self._waits:
-            return True
-        ready = self._account.ready()
+        ready = self.account.ready()
         if not ready:
             self._look_who_left()
-        if self._account.changes != self._reported:
-            self._reported = self._account.changes
+        if self.account.changes != self._reported:
+            self._reported = self.account.changes
             self._on_change()
         return ready
-
-    def to_repeat(self) -> bool:
-        """Return whether the latest tick is to be published again, as an answer is missing."""
-        return self._waits and self._account.to_repeat()
 
     def arrived(self, next_output_ns: float) -> None:
         """Answer the simulation that makes /clock, once this one is as far as it may go and all of its own are done.
 
         The next output is infinitely far, ns, where time stands still and nobody is waited for.
         """
-        tick_ns = self._other_tick_ns
+        tick_ns = self.limit_ns
         if tick_ns is None or tick_ns == self._answered_ns or next_output_ns <= tick_ns or not self.ready():
             return
         if self._other is None:
@@ -520,10 +496,6 @@ class Participants:
         self._other.publish(self._writer.write(tick_ns))
         self._answered_ns = tick_ns
 
-    def health(self) -> Health:
-        """Return one line on who is in step."""
-        return self._account.health()
-
     def _take_answer(self, serialized: bytes) -> None:
         answer = wire.read(serialized, 0)
         if answer is None:
@@ -532,24 +504,24 @@ class Participants:
                 header.stamp.sec * NANOSECONDS_PER_SECOND + header.stamp.nanosec, header.frame_id, ()
             )
         if answer.frame_id:
-            self._account.answered(answer.frame_id, answer.time_ns)
+            self.account.answered(answer.frame_id, answer.time_ns)
 
     def _take_tick(self, message: Clock) -> None:
         tick_ns = message.clock.sec * NANOSECONDS_PER_SECOND + message.clock.nanosec
-        if tick_ns == self._other_tick_ns:
+        if tick_ns == self.limit_ns:
             self._answered_ns = None  # it asks again
-        self._other_tick_ns = tick_ns
-        self._account.sent(tick_ns)
+        self.limit_ns = tick_ns
+        self.account.sent(tick_ns)
 
     def _look_who_left(self) -> None:
         """Forget those that have left the graph in order; one that was killed is seen on it for a while."""
         now_s = time.monotonic()
-        if self._account.waited_s < _LEFT_AFTER_S or now_s - self._looked_s < _LEFT_AFTER_S:
+        if self.account.waited_s < _LEFT_AFTER_S or now_s - self._looked_s < _LEFT_AFTER_S:
             return
-        if self._account.timeout_s == 0.0 and self._account.waited_s > _STOPPED_AFTER_S:
+        if self.account.timeout_s == 0.0 and self.account.waited_s > _STOPPED_AFTER_S:
             return
         self._looked_s = now_s
         there = {node_at(end) for topic in self._topics for end in self._node.get_publishers_info_by_topic(topic)}
-        for name in self._account.missing:
+        for name in self.account.missing:
             if name not in there and "" not in there:
-                self._account.forget(name)
+                self.account.forget(name)

@@ -145,7 +145,7 @@ class Lockstep:
 
     def health(self) -> Health:
         """Return one line: who is in step, who is not, and why."""
-        now_s = self._now_s()
+        about, now_s = LOCKSTEP_LINE.removeprefix(": "), self._now_s()
         values = {
             name: f"{each.standing.value}, done with {each.stamp_ns / NANOSECONDS_PER_SECOND:.4f} s"
             for name, each in sorted(self._known.items())
@@ -164,11 +164,6 @@ class Lockstep:
         if self.missing and self.waited_s > max(self.timeout_s, 1.0):
             texts.append(f"time stands still until {', '.join(self.missing)} answers (lockstep_timeout_s is 0)")
         if texts:
-            return Health(LOCKSTEP_LINE.removeprefix(": "), Level.WARN, "; ".join(texts), values)
+            return Health(about, Level.WARN, "; ".join(texts), values)
         members = ", ".join(self.participants)
-        return Health(
-            LOCKSTEP_LINE.removeprefix(": "),
-            Level.OK,
-            f"in step: {members}" if members else "nobody takes part",
-            values,
-        )
+        return Health(about, Level.OK, f"in step: {members}" if members else "nobody takes part", values)
