@@ -329,20 +329,16 @@ class TimeSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Received:
-    """A message as it was received.
-
-    Attributes:
-        topic: Full name.
-        data: Serialised (CDR).
-        source_ns: When it was published, ns of its publisher's system clock.
-        stamp_ns: Stamp of its header, ns; 0 where it has none.
-
-    """
+    """A message as it was received."""
 
     topic: str
+    """Full name."""
     data: bytes
+    """Serialised (CDR)."""
     source_ns: int
+    """When it was published, ns of its publisher's system clock."""
     stamp_ns: int = 0
+    """Stamp of its header, ns; 0 where it has none."""
 
 
 class LogTimes:

@@ -280,17 +280,12 @@ class Startup:
 
     Everything that waits raises GraphError if a process dies meanwhile, if the time is up, or if a node refuses, and
     Interrupted if the command is asked to stop.
-
-    Attributes:
-        client: Node in the graph's namespace.
-        supervisor: The processes.
-        hint: Where to read on when something fails, to end a line with; may be empty.
-
     """
 
     client: GraphClient
     supervisor: Supervisor
     hint: str = ""
+    """Where to read on when something fails, to end a line with; may be empty."""
 
     def wait(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for something on the graph; True once it holds, False when the time is up."""

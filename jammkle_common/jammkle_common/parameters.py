@@ -276,22 +276,18 @@ def _descriptor(row: ParameterRow) -> Any:
 
 @dataclass(frozen=True)
 class TypedUnit:
-    """A unit of the command line beside its SI unit, and how names of options and parameters end in them.
-
-    Attributes:
-        typed: Unit on the command line.
-        si_end: End of a parameter's name.
-        typed_end: End of an option's name, with underscores.
-        exponent: One typed unit is 10 to this power of the SI unit.
-        example: What to type for a value in SI.
-
-    """
+    """A unit of the command line beside its SI unit, and how names of options and parameters end in them."""
 
     typed: str
+    """Unit on the command line."""
     si_end: str
+    """End of a parameter's name."""
     typed_end: str
+    """End of an option's name, with underscores."""
     exponent: int
+    """One typed unit is 10 to this power of the SI unit."""
     example: str
+    """What to type for a value in SI."""
 
 
 TYPED_UNITS = (

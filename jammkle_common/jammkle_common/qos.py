@@ -87,16 +87,12 @@ _DEPTH = 10
 
 
 class MessageInfo(NamedTuple):
-    """What the middleware says of a message.
-
-    Attributes:
-        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count.
-        sent_ns: When it was published, ns since 1970; where that is not known, when it was received.
-
-    """
+    """What the middleware says of a message."""
 
     number: int
+    """Which of its publisher's messages it is, from 1; 0 where the middleware does not count."""
     sent_ns: int
+    """When it was published, ns since 1970; where that is not known, when it was received."""
 
 
 def with_info(callback: Callable[[Any, MessageInfo], None]) -> Callable[..., None]:

@@ -119,20 +119,16 @@ _FULL_DUTY = 1000.0
 
 @dataclass(frozen=True)
 class Edge:
-    """The outputs from one moment on.
-
-    Attributes:
-        at_s: The moment, s of the machine's monotonic clock.
-        solenoids: As bits.
-        duty: 0 to 1.
-        board_s: The moment on the board's own clock, s, which stands still where the machine does not run the board.
-
-    """
+    """The outputs from one moment on."""
 
     at_s: float
+    """The moment, s of the machine's monotonic clock."""
     solenoids: int
+    """As bits."""
     duty: float
+    """0 to 1."""
     board_s: float
+    """The moment on the board's own clock, s, which stands still where the machine does not run the board."""
 
 
 class BoardBench:

@@ -27,24 +27,17 @@ _PROGRESS_MESSAGES = 10_000
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic.
-
-    Attributes:
-        name: Absolute name.
-        message_type: `package/msg/Name`.
-        count: Messages.
-        rate_hz: Mean rate between its first and its last message; None for fewer than two moments.
-        rate_by: Whose time that is: `stamp`, `/clock` or `log`.
-        reliability: As it was offered.
-        durability: As it was offered.
-
-    """
+    """One topic."""
 
     name: str
+    """Absolute name."""
     message_type: str
+    """`package/msg/Name`."""
     count: int
     rate_hz: float | None
+    """Mean rate between its first and its last message; None for fewer than two moments."""
     rate_by: str
+    """Whose time that is: `stamp`, `/clock` or `log`."""
     reliability: str
     durability: str
 

@@ -54,30 +54,25 @@ class Robot(enum.Enum):
 
 @dataclass(frozen=True)
 class NodeEntry:
-    """One node: where its code is, its name on the graph, its parameter table, and when it is started.
-
-    Attributes:
-        package: The ROS package.
-        name: Name on the graph, inside the namespace.
-        parameter_table: `module:Class` of the node's parameters.
-        follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
-        simulates: True if the node is the simulated hardware, and so only started with it.
-        looks_on: True if the ankle is the same without the node, so that its death stops nothing.
-        module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
-        executable: Name for `ros2 run` and launch files; empty: that on the graph.
-        within: Namespace below the graph's own: that of the node's ankle, where there are several.
-
-    """
+    """One node: where its code is, its name on the graph, its parameter table, and when it is started."""
 
     package: str
     name: str
+    """Name on the graph, inside the namespace."""
     parameter_table: str
+    """`module:Class` of the node's parameters."""
     follows_simulated_time: bool = False
+    """True if the node runs on /clock while the hardware is simulated."""
     simulates: bool = False
+    """True if the node is the simulated hardware, and so only started with it."""
     looks_on: bool = False
+    """True if the ankle is the same without the node, so that its death stops nothing."""
     module: str = ""
+    """What `python -m` starts; empty: the Python package of the same name as the ROS package."""
     executable: str = ""
+    """Name for `ros2 run` and launch files; empty: that on the graph."""
     within: str = ""
+    """Namespace below the graph's own: that of the node's ankle, where there are several."""
 
     @property
     def path(self) -> str:

@@ -36,28 +36,24 @@ COMPRESSED = ".zstd"
 
 @dataclass(frozen=True)
 class Contents:
-    """Files and metadata of a bag.
-
-    Attributes:
-        bag: As it was given: a folder, or one file.
-        files: What is to be read, in the order of their names.
-        missing: Names of files that the metadata name and that are not there.
-        unnamed: Files that are there, of a bag whose metadata do not name them.
-        counted: Messages that the metadata count; None where there are no metadata, or none that can be read.
-        custom_data: What the recorder added, without the mark of an unfinished bag.
-        unfinished: Whether it bears that mark.
-        unreadable: Why the metadata cannot be read; empty otherwise.
-
-    """
+    """Files and metadata of a bag."""
 
     bag: Path
+    """As it was given: a folder, or one file."""
     files: tuple[Path, ...]
+    """What is to be read, in the order of their names."""
     missing: tuple[str, ...] = ()
+    """Names of files that the metadata name and that are not there."""
     unnamed: tuple[Path, ...] = ()
+    """Files that are there, of a bag whose metadata do not name them."""
     counted: int | None = None
+    """Messages that the metadata count; None where there are no metadata, or none that can be read."""
     custom_data: dict[str, str] = field(default_factory=dict)
+    """What the recorder added, without the mark of an unfinished bag."""
     unfinished: bool = False
+    """Whether it bears that mark."""
     unreadable: str = ""
+    """Why the metadata cannot be read; empty otherwise."""
 
 
 def contents_of(bag: Path) -> Contents:

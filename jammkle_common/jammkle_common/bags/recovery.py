@@ -47,30 +47,25 @@ _PROGRESS_MESSAGES = 10_000
 
 @dataclass(frozen=True)
 class Recovered:
-    """What a recovery found and did.
-
-    Attributes:
-        bag: The bag that is whole now.
-        was_whole: Whether there was nothing to do.
-        messages: In the bag.
-        duration_s: From the first to the last log time.
-        data_duration_s: By the clock of the messages; differs where log times lie apart, or the log has another clock.
-        torn_bytes: Cut off at the ends of its files: what was not written as a whole.
-        given_up: Messages at the end that were given up, as there was no room for the ending.
-        missing: Files of it that are lost: named by its metadata and not there, or without anything in them.
-        lacking: Messages that its metadata counted and that are not there.
-
-    """
+    """What a recovery found and did."""
 
     bag: Path
+    """The bag that is whole now."""
     was_whole: bool
+    """Whether there was nothing to do."""
     messages: int
     duration_s: float
+    """From the first to the last log time."""
     data_duration_s: float
+    """By the clock of the messages; differs where log times lie apart, or the log has another clock."""
     torn_bytes: int
+    """Cut off at the ends of its files: what was not written as a whole."""
     given_up: int
+    """Messages at the end that were given up, as there was no room for the ending."""
     missing: tuple[str, ...] = ()
+    """Files of it that are lost: named by its metadata and not there, or without anything in them."""
     lacking: int = 0
+    """Messages that its metadata counted and that are not there."""
 
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
@@ -273,24 +268,17 @@ class WrittenChunk:
 
 @dataclass
 class DataSection:
-    """What an MCAP file holds, up to its ending.
-
-    Attributes:
-        end: Offset after the last whole record.
-        size: Bytes of the file.
-        whole: Whether the file has its ending.
-        schemas: By their number.
-        channels: By their number.
-        chunks: In the order of the file.
-
-    """
+    """What an MCAP file holds, up to its ending."""
 
     end: int = len(MCAP)
+    """Offset after the last whole record."""
     size: int = 0
     whole: bool = False
+    """Whether the file has its ending."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[WrittenChunk] = field(default_factory=list)
+    """In the order of the file."""
 
     def counts(self) -> Counter[int]:
         """Return the messages of each channel."""

@@ -38,32 +38,27 @@ _HEADER = "std_msgs/msg/Header"
 
 
 class Connection(NamedTuple):
-    """What a file, or a whole bag, holds of one topic in one type. How it was offered is a hint, and no part of it.
-
-    Attributes:
-        id: Its number there.
-        topic: Absolute name.
-        msgtype: `package/msg/Name`; empty where none is named.
-        encoding: Of its messages: `cdr` is what can be decoded.
-        language: Of the definition: `ros2msg`, `ros2idl`, or whatever else the file says.
-        definition: Its text, as it stands there; empty where there is none.
-        offered: QoS of its publishers, as YAML; empty where the file holds none.
-        digest: Hash of the type, as the file says, or empty.
-        msgcount: Messages.
-        why_left_out: Why its messages cannot be decoded; empty where they can.
-
-    """
+    """What a file, or a whole bag, holds of one topic in one type. How it was offered is a hint, and no part of it."""
 
     id: int
+    """Its number there."""
     topic: str
+    """Absolute name."""
     msgtype: str
+    """`package/msg/Name`; empty where none is named."""
     encoding: str
+    """Of its messages: `cdr` is what can be decoded."""
     language: str
+    """Of the definition: `ros2msg`, `ros2idl`, or whatever else the file says."""
     definition: bytes
+    """Its text, as it stands there; empty where there is none."""
     offered: str
+    """QoS of its publishers, as YAML; empty where the file holds none."""
     digest: str
+    """Hash of the type, as the file says, or empty."""
     msgcount: int
     why_left_out: str = ""
+    """Why its messages cannot be decoded; empty where they can."""
 
 
 class BagFile(Protocol):
