@@ -59,8 +59,6 @@ class DemoResult:
 
 @dataclass
 class _Seen:
-    """What has come from the graph so far."""
-
     events: list[int] = field(default_factory=list)
     jammed: frozenset[str] = frozenset()
 

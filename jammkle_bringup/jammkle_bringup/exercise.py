@@ -146,14 +146,11 @@ def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
 
 
 def _above(namespace: str) -> list[str]:
-    """Return a namespace and all that it lies in."""
     parts = namespace.strip("/").split("/")
     return [f"/{'/'.join(parts[:count])}" for count in range(len(parts), -1, -1)]
 
 
 class _Session:
-    """A robot that does exercises."""
-
     def __init__(self, client: GraphClient) -> None:
         self._client = client
         self._time_s: float | None = None
@@ -283,7 +280,6 @@ class _Session:
                 raise GraphError(msg)
 
     def _is_recorded(self) -> bool:
-        """Return whether the recorder listens to every ankle."""
         recorder = resolved(self._client.namespace, RECORDER)
         return all(
             recorder in {node_at(end) for end in self._client.subscriptions(topic)}
@@ -292,7 +288,6 @@ class _Session:
         )
 
     def _limbs(self) -> dict[str, Limb]:
-        """Return the limb of every ankle whose joints are seen."""
         found = {}
         for ankle, joints in self._joints.items():
             if set(LEG_JOINTS[1:]) <= set(joints):

@@ -202,7 +202,6 @@ class GraphClient:
         return max(names.count(full_name) for names in self._seen())
 
     def _seen(self) -> list[list[str]]:
-        """Return the full names of the nodes that each participant sees."""
         return [
             [resolved(namespace, name) for name, namespace in node.get_node_names_and_namespaces()]
             for node in self._lookers
@@ -280,7 +279,6 @@ def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_cloc
 
 
 def _already_up(namespace: str, who: str) -> str:
-    """Return the line that refuses a second graph in a namespace."""
     return (
         f"a graph is already up in namespace {namespace} of ROS domain {ros_domain()} ({who}): "
         "stop it first, or choose another --namespace or ROS_DOMAIN_ID"

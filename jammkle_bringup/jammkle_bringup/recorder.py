@@ -276,8 +276,6 @@ def _installed(message_type: str) -> Any:
 
 
 def _bag_qos(profile: QoSProfile) -> Qos:
-    """Return a profile as the metadata of a bag hold it."""
-
     def named(kind: Any, policy: Any) -> Any:
         return kind.__members__.get(policy.name, kind.UNKNOWN)
 
@@ -304,7 +302,6 @@ def _begins_with_time(kind: Any) -> bool:
 
 
 def _stamp_ns(data: bytes) -> int:
-    """Return the stamp that a serialised message begins with, ns."""
     stamp = wire.read_clock(data)
     return 0 if stamp is None else stamp[0] * NANOSECONDS_PER_SECOND + stamp[1]
 

@@ -418,10 +418,8 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
 
 
 def _names(client: GraphClient, ends: Sequence[TopicEndpointInfo]) -> set[str | None]:
-    """Return the nodes at these ends, relative to the graph's namespace."""
     return {relative(client.namespace, node_at(end)) for end in ends}
 
 
 def _clock_ns(tick: Clock) -> int:
-    """Return simulated time, ns."""
     return int(tick.clock.sec) * NANOSECONDS_PER_SECOND + int(tick.clock.nanosec)

@@ -44,8 +44,6 @@ _AT_ONCE = frozenset((DIAGNOSTICS.name, EMERGENCY_STOP.name))
 
 
 class _Waiting(NamedTuple):
-    """A message that waits for the tick."""
-
     topic: str
     stamp_ns: int
     deliver: Callable[[], Any]

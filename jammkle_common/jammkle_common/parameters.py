@@ -254,7 +254,6 @@ def _check_dynamic(row: ParameterRow, value: object) -> None:
 
 
 def _descriptor(row: ParameterRow) -> Any:
-    """Return rcl_interfaces/ParameterDescriptor."""
     unit = f" [{row.unit}]" if row.unit else ""
     from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
 

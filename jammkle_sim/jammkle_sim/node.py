@@ -234,14 +234,12 @@ class SimNode(Node):
             self._tick(self._engine.time_ns)
 
     def _report_breaks(self) -> None:
-        """Say at once that a tendon broke."""
         broken = [outputs.broken_tendons for outputs in self._outputs]
         if broken != self._reported_broken:
             self._reported_broken = broken
             self._diagnostics.check()
 
     def _fail(self, why: str) -> None:
-        """Stop what cannot be simulated any further."""
         self._engine.fail(why)
         self.get_logger().error(f"{why}; paused until ~/reset")
         self._diagnostics.check()

@@ -96,7 +96,6 @@ class RunParameters:
 
 
 def _effects_option() -> Any:
-    """Return the row of `effects_file`."""
     about = "File of effects that the simulation is corrected by, as a gap diagnosis writes it; empty: none"
     return parameter("", about)
 

@@ -142,8 +142,6 @@ _PATIENCE_S = 2.0
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A request that waits for its service to be found."""
-
     path: str
     client: Client
     request: Any

@@ -103,8 +103,6 @@ def export(
 
 
 class _Export:
-    """One passage through a bag."""
-
     def __init__(
         self,
         reader: BagReader,

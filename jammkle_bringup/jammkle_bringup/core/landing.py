@@ -306,6 +306,5 @@ def _energised_s(run: RunSeries, channel: str) -> float | None:
 
 
 def _first_time(series: Series, condition: np.ndarray[Any, np.dtype[np.bool_]]) -> float | None:
-    """Return the time of the first sample that meets a condition."""
     where = np.flatnonzero(condition)
     return float(series.time_s[where[0]]) if len(where) else None

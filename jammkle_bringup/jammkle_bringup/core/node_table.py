@@ -327,7 +327,6 @@ def merged_values(
 
 
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
-    """Return patterns of node names and their parameters, as they stand in a file."""
     try:
         document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
     except OSError as error:

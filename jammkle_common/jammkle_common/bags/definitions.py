@@ -171,7 +171,6 @@ class KnownTypes:
         self._seen.add((name, channel.definition))
 
     def _defined(self, channel: Connection) -> dict[str, Any]:
-        """Return what the definition of a channel holds."""
         if not channel.definition.strip() and channel.msgtype not in self._store.fielddefs:
             return {}
         try:
@@ -209,7 +208,6 @@ class KnownTypes:
         return used
 
     def _elsewhere(self, name: str, wanted: str) -> dict[str, Any]:
-        """Return a type that the bag does not define."""
         for store in (self._store, self._jazzy):
             if name in store.fielddefs:
                 return {name: store.fielddefs[name]}
@@ -303,7 +301,6 @@ class Serialiser:
         return bytes(self._store.serialize_cdr(self._plain(message_type, message), message_type))
 
     def _plain(self, message_type: str, message: Any) -> Any:
-        """Return a message in the classes of the bag library."""
         _, fields = self._store.fielddefs[message_type]
         values = [self._value(kind, getattr(message, name)) for name, kind in fields]
         return self._store.types[message_type](*values)

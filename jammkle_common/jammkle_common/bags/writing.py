@@ -36,8 +36,6 @@ FLUSH_PERIOD_S = 0.5
 
 @dataclass
 class _Topic:
-    """What the log knows of one topic."""
-
     message_type: str
     offered: Callable[[], Sequence[Qos]]
     connection: Connection | None = None

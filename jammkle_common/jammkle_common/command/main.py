@@ -31,8 +31,6 @@ EXIT_INTERRUPTED = 130
 
 
 class _Verbs(TyperGroup):
-    """The verbs that the installed packages bring along."""
-
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
         """Return their names."""
         return list(entries(COMMANDS))

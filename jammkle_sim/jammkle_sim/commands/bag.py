@@ -213,7 +213,6 @@ def _tendon_health(broken: list[str]) -> Health:
 
 
 def _torn_times_s(run: RigRun) -> dict[str, float]:
-    """Return when each torn tendon tore, s, by its name."""
     if not run.broken:
         return {}
     series = run.topics[TENDON_STATES.name]
@@ -245,7 +244,6 @@ def _vector(row: dict[str, float], pattern: str) -> tuple[float, float, float]:
 
 
 def _joints(row: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return positions and rates by joint."""
     return _of_all(row, ".position"), _of_all(row, ".velocity")
 
 

@@ -83,8 +83,6 @@ _COMMON: dict[str, Option] = {
 
 @dataclasses.dataclass(frozen=True)
 class _Done:
-    """One repeat."""
-
     run: RigRun
     bag: Path | None
     messages: int

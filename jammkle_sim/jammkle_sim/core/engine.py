@@ -231,11 +231,9 @@ class Engine:
 
     @property
     def _step(self) -> int:
-        """Steps since the simulation was made."""
         return round(self._simulation.time_s / self._simulation.timestep_s)
 
     def _next_step(self) -> int:
-        """Next step at which something is due."""
         return self._step + self._schedule.steps_to_next(self._step - self._first_step)
 
     def _time_ns_at(self, step: int) -> int:

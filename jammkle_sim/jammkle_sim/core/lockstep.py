@@ -45,8 +45,6 @@ class Standing(enum.Enum):
 
 @dataclass
 class _Participant:
-    """One that has answered at least once."""
-
     done_ns: int
     standing: Standing = Standing.IN_STEP
     answers: int = 0

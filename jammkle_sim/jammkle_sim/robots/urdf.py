@@ -88,8 +88,6 @@ def robot_mjcf(robot: Robot) -> str:
 
 
 class _Body:
-    """One body of the model on its way into the tree."""
-
     def __init__(self, tree: ET.Element, model: Any, body: int, names: UrdfNames) -> None:
         self._tree, self._model, self._body, self._names = tree, model, body, names
         self._link = names.link(model.body(body).name)

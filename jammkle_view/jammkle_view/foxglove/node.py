@@ -151,7 +151,6 @@ class FoxgloveNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _offer_new(self) -> None:
-        """Offer topics that have appeared."""
         for name, types in self.get_topic_names_and_types():
             if name in self._types or not belongs(self.get_namespace(), name) or not self.count_publishers(name):
                 continue
