@@ -55,13 +55,7 @@ class BoardPlant:
     """
 
     def __init__(self, parameters: PneumaticParameters | None = None, seed: int = 0) -> None:
-        """Start vented, the supply on.
-
-        Args:
-            parameters: Volumes, conductances, pump and valves; None: the simulation's own.
-            seed: Start of the sensors' noise, which is the simulation's.
-
-        """
+        """Start vented, the supply on, with constants and sensor noise of the simulation unless others are given."""
         built = parameters or PneumaticParameters()
         self.air = Pneumatics(built, TIMESTEP_S)
         self._noise = np.random.default_rng(seed)
@@ -97,10 +91,8 @@ class BoardPlant:
     def pins_uv(self) -> list[int]:
         """Voltages at the analogue pins, uV: three channels, the manifold, the supply's divider."""
         sensed_pa = self.sensed_pa()
-        return [*(sensor_uv(sensed_pa[place]) for place in (*CHANNELS, MANIFOLD)), self._supply_uv()]
-
-    def _supply_uv(self) -> int:
-        return round(self.supply_v * SUPPLY_DIVIDER * _MICROVOLTS)
+        supply_uv = round(self.supply_v * SUPPLY_DIVIDER * _MICROVOLTS)
+        return [*(sensor_uv(sensed_pa[place]) for place in (*CHANNELS, MANIFOLD)), supply_uv]
 
 
 def sensor_uv(pressure_pa: float) -> int:
