@@ -21,7 +21,8 @@ from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import newest_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam as JamService
 from jammkle_msgs.srv import Unjam as UnjamService
-from jammkle_view.core.ankle import Ankle, RealTimeFactor
+from jammkle_sim.core.engine import RealTimeFactor
+from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.samples import TAKERS, Action, Ask, Jam, SetSim, Unjam
 from jammkle_view.page.live import LivePage
 from jammkle_view.page.server import address_of, is_watched, serve
@@ -136,6 +137,8 @@ _REQUESTS: dict[Action, tuple[str, Any, Any]] = {
     Action.AUTO_OFF: (names.SET_AUTO.path, SetBool, SetBool.Request(data=False)),
 }
 """Service, its type and what is asked."""
+_FACTOR_FROM_S = 1.0
+"""Real time from which on a real-time factor is shown. Assumed: steady to look at, and soon right after a change."""
 _PATIENCE_S = 2.0
 """How long a request waits for its service. Assumed; discovery on one machine takes about 0.3 s."""
 
@@ -241,7 +244,7 @@ class ViewerNode(Node):
         values = declare(self, ViewerParameters)
         self._frame_s = 1.0 / values.frame_rate_hz
         self._known = {name: Ankle() for name in _ankles(values.ankles)}
-        self._factor = RealTimeFactor()
+        self._factor = RealTimeFactor(_FACTOR_FROM_S)
         self._requested: queue.SimpleQueue[Request] = queue.SimpleQueue()
         try:
             self._server = serve(values.host, values.port, "Jammkle")

@@ -331,8 +331,9 @@ class Pacer:
 class RealTimeFactor:
     """Simulated time per real time, measured over the last two seconds of real time."""
 
-    def __init__(self) -> None:
-        """Make a meter that has measured nothing."""
+    def __init__(self, shortest_s: float = _FACTOR_SHORTEST_S) -> None:
+        """Make a meter that has measured nothing, and says nothing before it has measured for so long, s."""
+        self._shortest_s = shortest_s
         self._samples: deque[tuple[float, float]] = deque()
 
     def restart(self) -> None:
@@ -340,8 +341,12 @@ class RealTimeFactor:
         self._samples.clear()
 
     def note(self, simulated_s: float, now_s: float) -> None:
-        """Note where simulated time stands at real time `now_s`."""
+        """Note where simulated time stands at real time `now_s`; NaN: nobody knows. Time that goes back starts anew."""
         samples = self._samples
+        if math.isnan(simulated_s):
+            return
+        if samples and simulated_s < samples[-1][1]:
+            samples.clear()
         if samples and now_s - samples[-1][0] < _FACTOR_SAMPLE_S:
             return
         samples.append((now_s, simulated_s))
@@ -349,12 +354,12 @@ class RealTimeFactor:
             samples.popleft()
 
     def value(self) -> float:
-        """Simulated seconds per real second; NaN while less than a quarter of a second has been measured."""
+        """Simulated seconds per real second; NaN while too little has been measured."""
         if not self._samples:
             return math.nan
         (first_s, first_simulated_s), (last_s, last_simulated_s) = self._samples[0], self._samples[-1]
         span_s = last_s - first_s
-        return (last_simulated_s - first_simulated_s) / span_s if span_s >= _FACTOR_SHORTEST_S else math.nan
+        return (last_simulated_s - first_simulated_s) / span_s if span_s >= self._shortest_s else math.nan
 
 
 _RATE_TOLERANCE = 1e-9

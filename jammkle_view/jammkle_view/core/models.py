@@ -163,7 +163,7 @@ class Kinematics:
 def along(
     begins_m: NDArray[np.float64], ends_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return turns (w, x, y, z), (n, 4), and lengths, m, that lay cylinders along z from begins to ends, (n, 3), m."""
+    """Return quaternions (w, x, y, z), (n, 4), and lengths, (n,), m, that lay cylinders of axis z from begin to end."""
     way_m = ends_m - begins_m
     length_m: NDArray[np.float64] = np.linalg.norm(way_m, axis=1)
     axis = way_m / np.maximum(length_m, 1e-9)[:, np.newaxis]
