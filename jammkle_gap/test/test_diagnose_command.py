@@ -49,15 +49,6 @@ FEW = (
 """Effects on offer where the whole library would only take time."""
 
 
-@pytest.fixture(autouse=True)
-def _own_signals() -> Iterator[None]:
-    """Give the test process its signal handlers back; the command installs its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 def bag(folder: Path, name: str, seed: int, effects: str = "", options: PressureOptions = SHORT) -> Path:
     """Run the pressure rig, with effects that the bag does not tell of, and write a bag."""
     change: Callable[..., Any] = as_it_is
