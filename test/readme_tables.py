@@ -11,14 +11,16 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from command_reference import command_lines
+from jammkle_bringup.core.node_table import AS_BUILT, ROBOT_NODES, NodeEntry
 from jammkle_bringup.core.node_table import NODES as NODES_OF_AN_ANKLE
-from jammkle_bringup.core.node_table import ROBOT_NODES, ROBOT_VALUES, parameter_file_text
 from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
@@ -39,6 +41,8 @@ from jammkle_sim.robots.quadruped import QuadrupedParameters
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[1]
@@ -58,6 +62,14 @@ NODES: dict[str, type[ParameterClass]] = {
     "sim": SimParameters,
     "sim, of a robot": RobotParameters,
 }
+ROBOT_VALUES: dict[str, dict[str, object]] = {
+    node: {name: getattr(RobotOptions(), option) for each, name, option in AS_BUILT if each == node}
+    for node in dict.fromkeys(node for node, *_ in AS_BUILT)
+}
+"""What fits our robots as they stand better than the default of a node."""
+COMMENT = textwrap.TextWrapper(
+    119, initial_indent="    # ", subsequent_indent="    # ", break_long_words=False, break_on_hyphens=False
+)
 OTHER_NODES: dict[str, type[ParameterClass]] = {
     "gap_monitor": GapMonitorParameters,
     "viewer": ViewerParameters,
@@ -311,10 +323,27 @@ def made() -> dict[Path, str]:
     return {
         **{path: filled(path, parts) for path in pages()},
         HEADER: header_text(register_list()),
-        CONFIG / "ankle.yaml": parameter_file_text(NODES_OF_AN_ANKLE),
+        CONFIG / "ankle.yaml": parameter_file_text(NODES_OF_AN_ANKLE, {}),
         CONFIG / "robot.yaml": parameter_file_text(ROBOT_NODES, ROBOT_VALUES),
         **manifests(),
     }
+
+
+def parameter_file_text(nodes: Sequence[NodeEntry], values: dict[str, dict[str, object]]) -> str:
+    """Parameter file with every parameter of the nodes, described: its default, or what `values` has, by node."""
+    lines = [
+        "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
+        "# and give it to the graph: jammkle up --params FILE",
+    ]
+    for entry in nodes:
+        lines += ["", f"/**/{entry.name}:", "  ros__parameters:"]
+        for row in rows(entry.parameters()):
+            about = row.description if not row.unit else f"{row.description} [{row.unit}]"
+            lines += COMMENT.wrap(about + (f" ({row.range_text})" if row.range_text else ""))
+            # PyYAML writes a float so that YAML 1.1 reads one: 6.0e-06, for 6e-06 would be text.
+            value = yaml.safe_dump(values.get(entry.name, {}).get(row.name, row.default), default_flow_style=True)
+            lines.append(f"    {row.name}: {value.splitlines()[0]}")
+    return "\n".join(lines) + "\n"
 
 
 def register_text(registers: RegisterList) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from graph import environment
-from jammkle_bringup.core.shank_course import Limb, course_of, spoken, standing
+from jammkle_bringup.exercise import Limb, course_of, spoken, standing
 from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
 from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from graph import Probe, Up
-    from jammkle_bringup.core.shank_course import ShankCourse
+    from jammkle_bringup.exercise import ShankCourse
     from jammkle_gap import Recording
 
 TIMEOUT_S = 240.0

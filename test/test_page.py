@@ -13,7 +13,7 @@ from jammkle_common.names import ACHILLES, CARRIAGE_JOINT, CLOCK, JAM_STATE, JOI
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_view.core.models import Knob
 from jammkle_view.core.samples import Action, Ask, Channel, ChannelState, Jam, SetSim, Unjam
-from jammkle_view.page.controls import AnkleControls, SimControls
+from jammkle_view.page.live import AnkleControls, SimControls
 from jammkle_view.page.server import address_of, serve
 
 if TYPE_CHECKING:

@@ -83,12 +83,7 @@ class HealthStatus:
 
 
 def together(answers: Mapping[str, Answer]) -> tuple[Answer, dict[str, Any]]:
-    """Return the answers of several drivers as one, and all of them for JSON.
-
-    Args:
-        answers: By ankle; a single one under an empty name.
-
-    """
+    """Return the answers of several drivers, by ankle, as one, and all of them for JSON."""
     first = next(iter(answers.values()))
     if len(answers) == 1:
         return first, asdict(first)
@@ -204,11 +199,6 @@ def all_reported(health: Mapping[str, HealthStatus], drivers: Collection[str]) -
 
     Each node lists those in its line `nodes`, with how long each has been silent. Who is missed there already is not
     waited for: it is dead, and the line says so.
-
-    Args:
-        health: Lines so far, by name.
-        drivers: Full names of the drivers.
-
     """
     seen = {name.partition(":")[0] for name in health}
     if not seen.issuperset(drivers):

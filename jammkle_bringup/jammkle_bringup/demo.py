@@ -59,8 +59,6 @@ class DemoResult:
 
 @dataclass
 class _Seen:
-    """What has come from the graph so far."""
-
     events: list[int] = field(default_factory=list)
     jammed: frozenset[str] = frozenset()
 
@@ -74,13 +72,9 @@ class _Seen:
 def demo(
     make_folder: Callable[[], Path], namespace: str, hidden: HiddenEffect, asked_to_stop: Callable[[], bool]
 ) -> DemoResult:
-    """Run the demo.
+    """Run the demo in a normalised namespace, with something hidden in the ankle that the diagnosis does not know.
 
-    Args:
-        make_folder: Makes the run's folder; called once it is known that the demo can start.
-        namespace: Normalised namespace.
-        hidden: What is done to the simulated ankle; the diagnosis does not know it.
-        asked_to_stop: Ends the demo early once it returns True.
+    The run's folder is made once it is known that the demo can start.
 
     Raises:
         InputError: a graph is already up in the namespace, or the folder cannot be made.
@@ -163,13 +157,7 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
 def record_landing(
     of_sim: Mapping[str, ParameterValue], effects: str, bag: Path, asked_to_stop: Callable[[], bool]
 ) -> None:
-    """Land once in a graph without a namespace, and record everything.
-
-    Args:
-        of_sim: Parameters of the sim node.
-        effects: Content of the effects file; empty: none.
-        bag: Folder of the bag; it must not exist.
-        asked_to_stop: Ends it early.
+    """Land once in a graph without a namespace, with a text as effects file if there is one, and record everything.
 
     Raises:
         InputError: a graph is already up.

@@ -202,7 +202,6 @@ class GraphClient:
         return max(names.count(full_name) for names in self._seen())
 
     def _seen(self) -> list[list[str]]:
-        """Return the full names of the nodes that each participant sees."""
         return [
             [resolved(namespace, name) for name, namespace in node.get_node_names_and_namespaces()]
             for node in self._lookers
@@ -243,15 +242,7 @@ LOOK_S = 1.0
 
 
 def refuse_if_there(client: GraphClient, names: Collection[str], look_s: float) -> str:
-    """Look for nodes of these names, and for a /clock.
-
-    Args:
-        client: Looks.
-        names: Full names of nodes that are to be started.
-        look_s: For how long.
-
-    Returns:
-        The full name of the node that publishes /clock; empty if none does.
+    """Look for nodes of these names, for so long, and for a /clock; return who publishes that, empty if nobody does.
 
     Raises:
         InputError: one of the nodes is there already.
@@ -273,11 +264,6 @@ _NOT_KNOWN = "a node that is not known yet"
 def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_clock: bool) -> None:
     """Refuse to go on beside nodes of the same name, or another /clock, that came up late or were started together.
 
-    Args:
-        client: Looks.
-        names: Full names of the nodes that were started.
-        makes_clock: Whether one of them publishes /clock.
-
     Raises:
         InputError: as said.
 
@@ -293,7 +279,6 @@ def refuse_if_doubled(client: GraphClient, names: Collection[str], *, makes_cloc
 
 
 def _already_up(namespace: str, who: str) -> str:
-    """Return the line that refuses a second graph in a namespace."""
     return (
         f"a graph is already up in namespace {namespace} of ROS domain {ros_domain()} ({who}): "
         "stop it first, or choose another --namespace or ROS_DOMAIN_ID"

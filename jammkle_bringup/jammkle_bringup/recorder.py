@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
 import contextlib
+import enum
 import errno
 import functools
 import importlib
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock
@@ -17,7 +20,6 @@ from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from std_msgs.msg import Header, String
 
-from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
 from jammkle_common import wire
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagCounts, BagLog, check_free
@@ -55,12 +57,7 @@ class Recorder(Node):
     """Subscribes to topics as they appear and writes their messages as they came over the wire."""
 
     def __init__(self, path: Path, namespace: str, source: TimeSource) -> None:
-        """Create the bag and start to record.
-
-        Args:
-            path: Folder of the bag.
-            namespace: Normalised.
-            source: Which clock gives the log times.
+        """Create the bag, record a normalised namespace into it, with log times by this clock.
 
         Raises:
             InputError: the bag's path exists or cannot be made.
@@ -84,7 +81,7 @@ class Recorder(Node):
         self._types: dict[str, tuple[str, Callable[[], Sequence[Qos]]]] = {}
         self._of_clock_maker: dict[str, bool] = {}
         self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
-        self._answer = wire.HeaderWriter(self.get_fully_qualified_name())
+        self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
         self._refused: set[str] = set()
         # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
         # lost between a publisher's first message and the next look at the graph.
@@ -178,9 +175,12 @@ class Recorder(Node):
         self.received += 1
         with self._keeping_failure():
             self._keep(message)
-            self._times.take(message)
-            if name == self._sim_parameters:
-                self._log.set_custom_data(SIM_PARAMETERS.name, _text(data))
+            self._log_one(message)
+
+    def _log_one(self, message: Received) -> None:
+        self._times.take(message)
+        if message.topic == self._sim_parameters:
+            self._log.set_custom_data(SIM_PARAMETERS.name, deserialize_message(message.data, String).data)
 
     def _write(self, message: Received, log_ns: int) -> None:
         self._log.write(message.topic, message.data, log_ns)
@@ -219,9 +219,7 @@ class Recorder(Node):
         self._times = LogTimes(TimeSource.SIMULATED, self._write, self._is_of_clock_maker)
         kept, self._kept = self._kept, []
         for message in kept:
-            self._times.take(message)
-            if message.topic == self._sim_parameters:
-                self._log.set_custom_data(SIM_PARAMETERS.name, _text(message.data))
+            self._log_one(message)
 
     def _flush(self) -> None:
         with self._keeping_failure():
@@ -278,8 +276,6 @@ def _installed(message_type: str) -> Any:
 
 
 def _bag_qos(profile: QoSProfile) -> Qos:
-    """Return a profile as the metadata of a bag hold it."""
-
     def named(kind: Any, policy: Any) -> Any:
         return kind.__members__.get(policy.name, kind.UNKNOWN)
 
@@ -299,11 +295,6 @@ def _bag_qos(profile: QoSProfile) -> Qos:
     )
 
 
-def _text(data: bytes) -> str:
-    message: Any = deserialize_message(data, String)
-    return str(message.data)
-
-
 def _begins_with_time(kind: Any) -> bool:
     """Return whether messages begin with a header, or with a time as /clock does."""
     first = next(iter(kind.get_fields_and_field_types().values()), "")
@@ -311,9 +302,136 @@ def _begins_with_time(kind: Any) -> bool:
 
 
 def _stamp_ns(data: bytes) -> int:
-    """Return the stamp that a serialised message begins with, ns."""
     stamp = wire.read_clock(data)
     return 0 if stamp is None else stamp[0] * NANOSECONDS_PER_SECOND + stamp[1]
+
+
+OTHER_EPOCH_NS = 60 * NANOSECONDS_PER_SECOND
+"""Difference of stamp and source timestamp from which on they are of two clocks: no stamp is older than a minute."""
+
+_MOST_TICKS = 100_000
+"""Ticks that are remembered: more than a recorder's queues hold messages between."""
+
+
+class TimeSource(enum.Enum):
+    """Which clock gives the log times of a bag."""
+
+    UNDECIDED = "undecided"
+    """It is not known yet whether there is a /clock: messages wait."""
+    SIMULATED = "simulated"
+    """/clock. Messages from before its first tick get their own stamp, or the time of that tick if they have none."""
+    SYSTEM = "system"
+    """The clock of the machines that publish."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message as it was received."""
+
+    topic: str
+    """Full name."""
+    data: bytes
+    """Serialised (CDR)."""
+    source_ns: int
+    """When it was published, ns of its publisher's system clock."""
+    stamp_ns: int = 0
+    """Stamp of its header, ns; 0 where it has none."""
+
+
+class LogTimes:
+    """Gives messages their log times, which are when they were published, and holds them until those are known.
+
+    On hardware that is the middleware's source timestamp. In simulation it is simulated time: a message of the node
+    that makes /clock belongs to the tick that follows it, or to its own stamp; one of any other node to the last tick
+    before it. Which tick that was is known by source timestamps, which the publishers of one machine take from one
+    clock. In lockstep this is exact, since a node publishes between a tick and its answer to it.
+    """
+
+    def __init__(
+        self, source: TimeSource, write: Callable[[Received, int], None], is_of_clock_maker: Callable[[str], bool]
+    ) -> None:
+        """Start.
+
+        Args:
+            source: Which clock to use; UNDECIDED goes by the first stamp, or the first tick.
+            write: Takes each message with its log time, ns.
+            is_of_clock_maker: Whether a topic is published by the node that makes /clock; asked when a message is
+                written, as the graph may not know a publisher's node yet when the first message arrives.
+
+        """
+        self.source = source
+        self._write = write
+        self._is_of_clock_maker = is_of_clock_maker
+        self._held: list[Received] = []
+        self._tick_sources_ns: list[int] = []
+        self._tick_stamps_ns: list[int] = []
+
+    @property
+    def waiting_since_ns(self) -> int | None:
+        """When the first message that waits was published, ns; None: none waits."""
+        return self._held[0].source_ns if self._held else None
+
+    def take(self, message: Received) -> None:
+        """Take a message that is no tick."""
+        if self.source is TimeSource.UNDECIDED and message.stamp_ns:
+            other = abs(message.stamp_ns - message.source_ns) > OTHER_EPOCH_NS
+            self.decide(TimeSource.SIMULATED if other else TimeSource.SYSTEM)
+        if self.source is TimeSource.SYSTEM:
+            self._write(message, message.source_ns)
+        else:
+            self._held.append(message)
+
+    def tick(self, message: Received) -> None:
+        """Take a tick of /clock, with its time as stamp."""
+        if self.source is TimeSource.UNDECIDED:
+            self.decide(TimeSource.SIMULATED)
+        if self.source is TimeSource.SYSTEM:
+            self._write(message, message.source_ns)
+            return
+        if not self._tick_stamps_ns or self._tick_stamps_ns[-1] != message.stamp_ns:
+            self._tick_sources_ns.append(message.source_ns)
+            self._tick_stamps_ns.append(message.stamp_ns)
+            if len(self._tick_stamps_ns) > 2 * _MOST_TICKS:
+                del self._tick_sources_ns[:_MOST_TICKS], self._tick_stamps_ns[:_MOST_TICKS]
+        self._release(message.source_ns)
+        self._write(message, message.stamp_ns)
+
+    def end(self) -> None:
+        """Give away what still waits: without any tick all of it has time zero, as time never began."""
+        if self.source is TimeSource.UNDECIDED:
+            self.decide(TimeSource.SYSTEM)
+        self._release(None)
+
+    def decide(self, source: TimeSource) -> None:
+        """Say which clock gives the log times, if that is not decided yet."""
+        if self.source is not TimeSource.UNDECIDED:
+            return
+        self.source = source
+        if source is TimeSource.SYSTEM:
+            held, self._held = self._held, []
+            for each in held:
+                self._write(each, each.source_ns)
+
+    def _release(self, before_ns: int | None) -> None:
+        """Write what was published before a tick, by log time; what was later waits for the next one."""
+        held, self._held = self._held, []
+        due = held if before_ns is None else [each for each in held if each.source_ns < before_ns]
+        if before_ns is not None and len(due) < len(held):
+            self._held = [each for each in held if each.source_ns >= before_ns]
+        for log_ns, each in sorted(((self._log_ns(each), each) for each in due), key=lambda pair: pair[0]):
+            self._write(each, log_ns)
+
+    def _log_ns(self, message: Received) -> int:
+        of_clock_maker = self._is_of_clock_maker(message.topic)
+        if of_clock_maker and message.stamp_ns:
+            return message.stamp_ns
+        if not self._tick_stamps_ns:
+            return 0
+        following = bisect.bisect_right(self._tick_sources_ns, message.source_ns)
+        if following == 0 and message.stamp_ns:
+            return min(message.stamp_ns, self._tick_stamps_ns[0])
+        at = following if of_clock_maker else following - 1
+        return self._tick_stamps_ns[min(max(at, 0), len(self._tick_stamps_ns) - 1)]
 
 
 _SOURCES = {"auto": TimeSource.UNDECIDED, "sim": TimeSource.SIMULATED, "system": TimeSource.SYSTEM}

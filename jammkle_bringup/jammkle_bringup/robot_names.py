@@ -38,10 +38,7 @@ class RobotNamesNode(Node):
     """Passes joint states on under other names: ours for the robot's, and the robot's for ours."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Make the node.
-
-        Args:
-            node_options: Passed on to rclpy (`parameter_overrides`, `namespace`, `context`).
+        """Make the node; options are those of rclpy.
 
         Raises:
             ParameterError: a parameter is unknown, or a name cannot be mapped as it says.

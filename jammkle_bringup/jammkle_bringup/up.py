@@ -280,17 +280,12 @@ class Startup:
 
     Everything that waits raises GraphError if a process dies meanwhile, if the time is up, or if a node refuses, and
     Interrupted if the command is asked to stop.
-
-    Attributes:
-        client: Node in the graph's namespace.
-        supervisor: The processes.
-        hint: Where to read on when something fails, to end a line with; may be empty.
-
     """
 
     client: GraphClient
     supervisor: Supervisor
     hint: str = ""
+    """Where to read on when something fails, to end a line with; may be empty."""
 
     def wait(self, predicate: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for something on the graph; True once it holds, False when the time is up."""
@@ -308,25 +303,14 @@ class Startup:
         return held
 
     def wait_until_connected(self, members: Collection[str], ankles: Sequence[str] = ("",)) -> None:
-        """Wait until these nodes are connected to each other.
-
-        Args:
-            members: Names relative to the graph's namespace: `sim`, `driver`, `lf_ankle/driver`.
-            ankles: Namespaces of the ankles, below that one.
-
-        """
+        """Wait until these nodes (`sim`, `lf_ankle/driver`) of these ankles are connected to each other."""
         timeout_s = READY_TIMEOUT_S * len(ankles)
         if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
             missing = ", ".join(_missing(self.client, members, ankles))
             self._fail(f"not ready after {timeout_s:g} s, missing: {missing}")
 
     def wait_until_in_step(self, members: Collection[str]) -> None:
-        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step.
-
-        Args:
-            members: Names relative to the graph's namespace.
-
-        """
+        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step."""
         in_step: set[str] = set()
         line = f"{resolved(self.client.namespace, SIM_NODE)}{LOCKSTEP_LINE}"
 
@@ -434,10 +418,8 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
 
 
 def _names(client: GraphClient, ends: Sequence[TopicEndpointInfo]) -> set[str | None]:
-    """Return the nodes at these ends, relative to the graph's namespace."""
     return {relative(client.namespace, node_at(end)) for end in ends}
 
 
 def _clock_ns(tick: Clock) -> int:
-    """Return simulated time, ns."""
     return int(tick.clock.sec) * NANOSECONDS_PER_SECOND + int(tick.clock.nanosec)

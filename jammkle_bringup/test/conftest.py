@@ -51,6 +51,28 @@ class BagMaker:
         seconds, nanoseconds = divmod(round(time_s * 1e9), 10**9)
         return self.make("std_msgs/msg/Header", self.make("builtin_interfaces/msg/Time", seconds, nanoseconds), "")
 
+    def pressure(self, time_s: float, pressure_pa: float) -> Any:
+        """Make an absolute pressure, Pa, with a stamp."""
+        return self.make("sensor_msgs/msg/FluidPressure", self.header(time_s), pressure_pa, 0.0)
+
+    def clock(self, time_s: float) -> Any:
+        """Make a tick of /clock."""
+        return self.make("rosgraph_msgs/msg/Clock", self.header(time_s).stamp)
+
+    def jam_state(self, time_s: float, state: int, commanded_pa: float, *channels: str) -> Any:
+        """Make a jam_state whose channels are all in a state, by its number, with a vacuum asked for, Pa."""
+        fields = (state, commanded_pa, 0.0, "asked", 0)
+        listed = [self.make("jammkle_msgs/msg/ChannelJamState", channel, *fields) for channel in channels]
+        stopped, fault = False, self.make("jammkle_msgs/msg/Fault", 0, "", "")
+        return self.make(
+            "jammkle_msgs/msg/JamState", self.header(time_s), stopped, 0.0, listed, fault, 5e3, 7e4, "", 0.0
+        )
+
+    def impact(self, time_s: float) -> Any:
+        """Make the event of an impact of 30 m/s^2, detected 2 ms late, stamped with a time."""
+        fields = (1, 30.0, "m/s^2", 0.002, 0.9, "imu", self.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0))
+        return self.make("jammkle_msgs/msg/ContactEvent", self.header(time_s), *fields)
+
     def write(self, topic: str, time_s: float, message: Any) -> None:
         """Write a message at a log time."""
         if topic not in self._connections:

@@ -40,16 +40,6 @@ PARAMETERS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _own_signals() -> Any:
-    """Give the test process its signal handlers back; the command installs its own."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.getsignal(number) for number in numbers}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 def test_every_verb_stands_in_a_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     """None is left over under `Commands`, which is where a verb without a group goes."""
     assert main(["--help"]) == 0
@@ -221,9 +211,8 @@ def test_info_tells_rates_by_the_clock_that_the_data_have(
     for step in range(101):
         own_s = 1.0 + step * 0.01
         log_s = wall_s + step * 0.01 / speed
-        time = maker.make("builtin_interfaces/msg/Time", *divmod(round(own_s * 1e9), 10**9))
-        maker.write("/clock", log_s, maker.make("rosgraph_msgs/msg/Clock", time))
-        maker.write("/pressure", log_s, maker.make("sensor_msgs/msg/FluidPressure", maker.header(own_s), 1e5, 0.0))
+        maker.write("/clock", log_s, maker.clock(own_s))
+        maker.write("/pressure", log_s, maker.pressure(own_s, 1e5))
         maker.write("/duty", log_s, maker.make("std_msgs/msg/Float32", 0.5))
     path = maker.close()
     assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0

@@ -176,10 +176,17 @@ def split(bag: Path, rows: Sequence[Row] = tuple(ROWS)) -> list[str]:
     return names
 
 
-def _humble(bag: Path) -> Path:
-    write_mcap(bag / "bag_0.mcap", ROWS)
-    write_metadata(bag, ["bag_0.mcap"], ROWS, qos=QOS.format(1))
-    return bag
+def _one_file(**form: Any) -> Callable[[Path], Path]:
+    """Return what makes a bag of one MCAP file, in a form; with `mode` or `qos` it has metadata that say so."""
+    metadata = {key: form.pop(key) for key in ("mode", "qos") if key in form}
+
+    def make(bag: Path) -> Path:
+        write_mcap(bag / "a.mcap", ROWS, **form)
+        if metadata:
+            write_metadata(bag, ["a.mcap"], ROWS, **metadata)
+        return bag
+
+    return make
 
 
 def _bare(bag: Path) -> Path:
@@ -187,37 +194,11 @@ def _bare(bag: Path) -> Path:
     return bag.with_suffix(".mcap")
 
 
-def _without_chunks(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS, use_chunking=False)
-    return bag
-
-
-def _without_index(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS, index_types=IndexType.NONE, use_statistics=False)
-    return bag
-
-
-def _without_message_index(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS, index_types=IndexType.CHUNK, compression=CompressionType.LZ4)
-    return bag
-
-
 def _file_compressed(bag: Path) -> Path:
     names = split(bag)
     for name in names:
         zipped(bag / name)
     write_metadata(bag, [f"{name}.zstd" for name in names], ROWS, "FILE")
-    return bag
-
-
-def _message_compressed(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS, zstd.compress)
-    write_metadata(bag, ["a.mcap"], ROWS, "MESSAGE")
-    return bag
-
-
-def _message_compressed_without_metadata(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS, zstd.compress)
     return bag
 
 
@@ -244,18 +225,6 @@ def _file_of_another_name(bag: Path) -> Path:
     return bag
 
 
-def _other_qos(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS)
-    write_metadata(bag, ["a.mcap"], ROWS, qos=QOS.format(2))
-    return bag
-
-
-def _broken_qos(bag: Path) -> Path:
-    write_mcap(bag / "a.mcap", ROWS)
-    write_metadata(bag, ["a.mcap"], ROWS, qos=[{"reliability": "whatever"}])
-    return bag
-
-
 def _broken_metadata(bag: Path) -> Path:
     write_mcap(bag / "a.mcap", ROWS)
     (bag / "metadata.yaml").write_bytes(b"{{: \xff")
@@ -277,14 +246,27 @@ def _ros1(bag: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        _humble, _bare, _without_chunks, _without_index, _without_message_index, _file_compressed, _message_compressed,
-        _message_compressed_without_metadata, _sqlite, _old_sqlite_compressed, _split_without_metadata,
-        _file_of_another_name, _other_qos, _broken_qos, _broken_metadata, _ros1,
-    ],
-)  # fmt: skip
+FORMS: dict[str, Callable[[Path], Path]] = {
+    "of Humble": _one_file(qos=QOS.format(1)),
+    "a bare file": _bare,
+    "without chunks": _one_file(use_chunking=False),
+    "without index": _one_file(index_types=IndexType.NONE, use_statistics=False),
+    "without message index": _one_file(index_types=IndexType.CHUNK, compression=CompressionType.LZ4),
+    "compressed files": _file_compressed,
+    "compressed messages": _one_file(packed=zstd.compress, mode="MESSAGE"),
+    "compressed messages, no metadata": _one_file(packed=zstd.compress),
+    "SQLite": _sqlite,
+    "old SQLite, compressed": _old_sqlite_compressed,
+    "split, no metadata": _split_without_metadata,
+    "a file of another name": _file_of_another_name,
+    "other QoS": _one_file(qos=QOS.format(2)),
+    "broken QoS": _one_file(qos=[{"reliability": "whatever"}]),
+    "broken metadata": _broken_metadata,
+    "ROS 1": _ros1,
+}
+
+
+@pytest.mark.parametrize("make", FORMS.values(), ids=FORMS)
 def test_whoever_recorded_a_bag_its_messages_are_the_same(make: Callable[[Path], Path], tmp_path: Path) -> None:
     """They are read, counted in their own time, and written under another name."""
     bag = make(tmp_path / "bag")
@@ -446,11 +428,9 @@ def test_stamps_from_before_the_first_step_of_a_simulation_are_as_right_as_its_c
     maker = bag_maker("bag")
     for step in range(130):
         now_s = max(0.0, (step - 30) * 0.01)
-        time = maker.make("builtin_interfaces/msg/Time", *divmod(round(now_s * 1e9), 10**9))
-        maker.write("/clock", now_s, maker.make("rosgraph_msgs/msg/Clock", time))
-        for topic, stamp_s in (("/stamped", now_s), ("/unset", 0.0)):
-            pressed = maker.make("sensor_msgs/msg/FluidPressure", maker.header(stamp_s), 1e5, 0.0)
-            maker.write(topic, now_s, pressed)
+        maker.write("/clock", now_s, maker.clock(now_s))
+        maker.write("/stamped", now_s, maker.pressure(now_s, 1e5))
+        maker.write("/unset", now_s, maker.pressure(0.0, 1e5))
     assert main(["info", str(maker.close()), "--json", str(tmp_path / "info.json")]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert "/unset are zero" in line

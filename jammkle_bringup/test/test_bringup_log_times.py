@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from jammkle_bringup.core.log_times import LogTimes, Received, TimeSource
+from jammkle_bringup.recorder import LogTimes, Received, TimeSource
 
 EPOCH_NS = 1_795_000_000_000_000_000
 MS_NS = 1_000_000

@@ -54,9 +54,8 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
         maker.write("/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 30))
         if step in {30, 80}:
             maker.write("/pump/duty", time_s, maker.make("std_msgs/msg/Float32", 1.0 if step == 30 else 0.0))
-        pressure = maker.make("sensor_msgs/msg/FluidPressure", maker.header(time_s), 101_000.0 - vacuum_pa, 0.0)
-        maker.write("/achilles/pressure", time_s, pressure)
-        maker.write("/peroneal_left/pressure", time_s, pressure)
+        for channel in ("achilles", "peroneal_left"):
+            maker.write(f"/{channel}/pressure", time_s, maker.pressure(time_s, 101_000.0 - vacuum_pa))
         if step % 25 == 0:
             tendon = maker.make(
                 "jammkle_msgs/msg/TendonState", "achilles_left", 1, loop[step // 25][0], 0.0, loop[step // 25][1]
@@ -66,22 +65,8 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             )
         if step in {0, 30, 60}:
             word = {0: 1, 30: 2, 60: 3}[step]
-            fault = maker.make("jammkle_msgs/msg/Fault", 0, "", "")
-            channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", word, vacuum_pa, 0.0, "", 0)
-            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "", 0.0)
-            maker.write("/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
-    event = maker.make(
-        "jammkle_msgs/msg/ContactEvent",
-        maker.header(5.25),
-        1,
-        30.0,
-        "m/s^2",
-        0.002,
-        0.9,
-        "imu",
-        maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
-    )
-    maker.write("/contact_events", 6.0, event)
+            maker.write("/jam_state", time_s, maker.jam_state(time_s, word, vacuum_pa, "achilles"))
+    maker.write("/contact_events", 6.0, maker.impact(5.25))
     return maker.close()
 
 

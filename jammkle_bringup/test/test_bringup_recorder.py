@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +29,7 @@ from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
 from jammkle_common.qos import publisher_qos
+from jammkle_common.testing import wait_until
 from jammkle_msgs.msg import ChannelJamState, JamState
 
 if TYPE_CHECKING:
@@ -81,13 +81,6 @@ def node(ros_domain: int) -> Iterator[Node]:
     executor.shutdown()
     made.destroy_node()
     rclpy.shutdown(context=context)
-
-
-def wait_until(predicate: Callable[[], bool], what: str) -> None:
-    end_s = time.monotonic() + TIMEOUT_S
-    while not predicate():
-        assert time.monotonic() < end_s, f"not within {TIMEOUT_S} s: {what}"
-        time.sleep(0.01)
 
 
 class Recording:
@@ -148,6 +141,11 @@ def record(ros_domain: int, tmp_path: Path) -> Iterator[Callable[..., Recording]
         recording.process.wait(TIMEOUT_S)
 
 
+def matched(*publishers: Any) -> None:
+    """Wait until everybody is matched who subscribes."""
+    wait_until(lambda: all(each.get_subscription_count() > 0 for each in publishers), "they are matched")
+
+
 def reached(publisher: Any) -> None:
     """Wait until what was published has arrived wherever it is subscribed to reliably."""
     assert publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=TIMEOUT_S))
@@ -167,7 +165,7 @@ def test_a_bag_opens_where_this_project_is_not_installed(
     publisher.publish(jam_state(12e3))
     recording = record()
     recording.subscribes(node, "/jam_state")
-    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    matched(publisher)
     reached(publisher)
     publisher.publish(jam_state(34e3))
     reached(publisher)
@@ -199,7 +197,7 @@ def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
         ),
         "the recorder matches a best-effort publisher",
     )
-    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
+    matched(imu)
     # best effort: the other end may not know of the match yet, so it is sent until it has filled a chunk of the bag
 
     def has_written() -> bool:
@@ -231,7 +229,7 @@ def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, re
     clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     recording = record("--clock", "sim")
     recording.subscribes(node, "/pump/duty", "/clock")
-    wait_until(lambda: duty.get_subscription_count() > 0 and clock.get_subscription_count() > 0, "all is matched")
+    matched(duty, clock)
     duty.publish(Float32(data=0.25))
     reached(duty)
     for second in (7, 8):
@@ -242,32 +240,24 @@ def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, re
     assert {log_ns for topic, log_ns in logged if topic == "/clock"} == {7 * 10**9, 8 * 10**9}
 
 
-def test_nothing_is_lost_at_one_kilohertz(node: Node, record: Callable[..., Recording]) -> None:
-    """2000 samples that are sent as fast as the publisher can are all there, in order."""
-    count = 2000
-    imu = node.create_publisher(Imu, "imu/data", QoSProfile(depth=count, reliability=ReliabilityPolicy.RELIABLE))
+@pytest.mark.parametrize(
+    ("count", "offered", "held_up"),
+    [
+        (2000, QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE), False),
+        (1000, publisher_qos(names.IMU), True),  # it keeps 2 s of 500 Hz
+    ],
+    ids=["as fast as the publisher can", "while the recorder is held up"],
+)
+def test_no_sample_is_lost(
+    node: Node, record: Callable[..., Recording], *, count: int, offered: QoSProfile, held_up: bool
+) -> None:
+    """All are there, in order; what overflows the socket of a stopped recorder is sent again."""
+    imu = node.create_publisher(Imu, "imu/data", offered)
     recording = record("--clock", "system")
     recording.subscribes(node, "/imu/data")
-    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
-    for number in range(count):
-        message = Imu()
-        message.header.stamp.sec = number
-        imu.publish(message)
-    reached(imu)
-    recording.end()
-    assert [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"] == list(
-        range(count)
-    )
-
-
-def test_a_recorder_that_is_held_up_misses_no_sample(node: Node, record: Callable[..., Recording]) -> None:
-    """Samples that overflow the socket of a stopped recorder are sent again: the publisher keeps 2 s of 500 Hz."""
-    count = 1000
-    imu = node.create_publisher(Imu, "imu/data", publisher_qos(names.IMU))
-    recording = record("--clock", "system")
-    recording.subscribes(node, "/imu/data")
-    wait_until(lambda: imu.get_subscription_count() > 0, "they are matched")
-    recording.process.send_signal(signal.SIGSTOP)
+    matched(imu)
+    if held_up:
+        recording.process.send_signal(signal.SIGSTOP)
     for number in range(count):
         message = Imu()
         message.header.stamp.sec = number
@@ -275,9 +265,8 @@ def test_a_recorder_that_is_held_up_misses_no_sample(node: Node, record: Callabl
     recording.process.send_signal(signal.SIGCONT)
     reached(imu)
     recording.end()
-    assert [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"] == list(
-        range(count)
-    )
+    stamps = [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"]
+    assert stamps == list(range(count))
 
 
 def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
@@ -292,7 +281,7 @@ def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
     late.publish(Bool(data=True))
     other.publish(Bool(data=True))
     recording.subscribes(node, "/lf_ankle/something_new")
-    wait_until(lambda: late.get_subscription_count() > 0, "they are matched")
+    matched(late)
     reached(late)
     recording.end()
     with AnyReader([recording.bag]) as reader:
@@ -334,7 +323,7 @@ def test_a_killed_recorder_leaves_what_came_until_a_moment_before(node: Node, re
     publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
     recording = record("--clock", "system")
     recording.subscribes(node, "/chatter")
-    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    matched(publisher)
     words = [f"word {number:03}" for number in range(100)]
     for word in words:
         publisher.publish(String(data=word))
@@ -352,7 +341,7 @@ def test_hidden_topics_are_left_out_without_a_word(node: Node, record: Callable[
     publisher = node.create_publisher(String, "chatter", QoSProfile(depth=100))
     recording = record("--clock", "system")
     recording.subscribes(node, "/chatter")  # it has looked at the graph
-    wait_until(lambda: publisher.get_subscription_count() > 0, "they are matched")
+    matched(publisher)
     publisher.publish(String(data="x"))
     reached(publisher)
     recording.end()

@@ -71,8 +71,7 @@ def foreign(bag_maker: Callable[[str], BagMaker]) -> Path:
             "sensor_msgs/msg/JointState", bag.header(time_s), ["knee", "lf_roll", "lf_pitch"], angles, none, none
         )
         bag.write("/joint_states", time_s, joints)
-        pressure = bag.make("sensor_msgs/msg/FluidPressure", bag.header(time_s), 101325.0 - step, 0.0)
-        bag.write("/valves/two/pressure", time_s, pressure)
+        bag.write("/valves/two/pressure", time_s, bag.pressure(time_s, 101325.0 - step))
         bag.write("/battery", time_s, bag.make("std_msgs/msg/Float32", 24.0))
     return bag.close()
 

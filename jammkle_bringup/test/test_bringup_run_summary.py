@@ -81,16 +81,14 @@ class Landing:
                 self.write(f"{channel}/solenoid", time_s, "std_msgs/msg/Bool", energised)
 
     def events(self) -> None:
-        fields = (1, 61.0, "m/s^2", 0.002, 0.99, "imu", self.vector(0.0))
-        self.write("contact_events", DETECTED_S, "jammkle_msgs/msg/ContactEvent", *fields)
+        at_s = START_S + DETECTED_S
+        self.maker.write(f"{self.namespace}/contact_events", at_s, self.maker.impact(at_s))
 
     def jam_state(self) -> None:
-        for time_s, commanded in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):
-            fields = (2, commanded, 0.0, "")
-            fault = self.maker.make("jammkle_msgs/msg/Fault", 0, "", "")
-            states = [self.maker.make("jammkle_msgs/msg/ChannelJamState", channel, *fields, 0) for channel in CHANNELS]
-            stopped = False
-            self.write("jam_state", time_s, "jammkle_msgs/msg/JamState", stopped, 0.0, states, fault, 0.0, 0.0, "", 0.0)
+        for time_s, commanded_pa in ((0.1, 0.0), (ENERGISED_S, COMMANDED_PA)):
+            at_s = START_S + time_s
+            state = self.maker.jam_state(at_s, 2, commanded_pa, *CHANNELS)
+            self.maker.write(f"{self.namespace}/jam_state", at_s, state)
 
 
 def landing(maker: Any, parts: tuple[str, ...] = PARTS, namespace: str = "", reach: float = 1.0) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import signal
@@ -15,9 +16,10 @@ import pytest
 
 from jammkle_bringup.core import supervisor as supervisor_module
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
+from jammkle_common.testing import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 TIMEOUT_S = 30.0
@@ -29,6 +31,7 @@ print("ready", flush=True)
 while True:
     time.sleep(0.05)
 """
+LEAVING = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")
 STUBBORN = """
 import signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -45,13 +48,6 @@ sys.exit(3)
 
 def spec(name: str, code: str) -> ChildSpec:
     return ChildSpec(name, (sys.executable, "-c", code))
-
-
-def wait_until(predicate: Callable[[], bool], what: str) -> None:
-    end_s = time.monotonic() + TIMEOUT_S
-    while not predicate():
-        assert time.monotonic() < end_s, f"not within {TIMEOUT_S} s: {what}"
-        time.sleep(0.01)
 
 
 def runs(process_id: int) -> bool:
@@ -96,6 +92,22 @@ class Lines:
         return all((name, "ready") in self.all for name in names)
 
 
+@contextlib.contextmanager
+def supervised(
+    *specs: ChildSpec, take: Callable[[str, str], object] = lambda *_: None
+) -> Iterator[tuple[Supervisor, Lines]]:
+    """Start processes and wait until each has said that it is ready."""
+    lines = Lines()
+
+    def both(name: str, line: str) -> None:
+        take(name, line)
+        lines.take(name, line)
+
+    with Supervisor(specs, both) as supervisor:
+        wait_until(lambda: lines.ready(*(each.name for each in specs)), "all are ready")
+        yield supervisor, lines
+
+
 def test_a_process_that_dies_is_named_with_its_exit_code_and_last_words() -> None:
     """The first death carries name, exit code and the end of the output, and the others can still be stopped."""
     lines = Lines()
@@ -112,9 +124,7 @@ def test_a_process_that_dies_is_named_with_its_exit_code_and_last_words() -> Non
 
 def test_a_killed_process_is_named_with_its_signal() -> None:
     """A death by signal is reported with the signal's name."""
-    lines = Lines()
-    with Supervisor([spec("sim", OBEDIENT)], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("sim"), "sim is ready")
+    with supervised(spec("sim", OBEDIENT)) as (supervisor, _):
         os.kill(supervisor.process_ids()["sim"], signal.SIGKILL)
         wait_until(lambda: supervisor.first_death() is not None, "the death is seen")
         death = supervisor.first_death()
@@ -124,11 +134,10 @@ def test_a_killed_process_is_named_with_its_signal() -> None:
 
 def test_a_death_does_not_quote_what_was_said_long_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error that was cleared an hour ago is not why a process was killed."""
-    lines, passed_s = Lines(), [0.0]
+    passed_s = [0.0]
     steady_s = time.monotonic
     monkeypatch.setattr(supervisor_module.time, "monotonic", lambda: steady_s() + passed_s[0])
-    with Supervisor([spec("driver", OBEDIENT)], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("driver"), "it is ready")
+    with supervised(spec("driver", OBEDIENT)) as (supervisor, _):
         passed_s[0] = 3600.0
         os.kill(supervisor.process_ids()["driver"], signal.SIGKILL)
         death = None
@@ -158,45 +167,28 @@ def test_those_of_one_kind_are_stopped_together(tmp_path: Path) -> None:
         dataclasses.replace(spec(name, WAITING_FOR.format(mine=mine, others=others)), kind="driver")
         for name, mine, others in (("left/driver", left, right), ("right/driver", right, left))
     ]
-    lines = Lines()
-    with Supervisor([spec("sim", OBEDIENT), *drivers], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("sim", "left/driver", "right/driver"), "all are ready")
+    with supervised(spec("sim", OBEDIENT), *drivers) as (supervisor, _):
         supervisor.loaded()
         assert supervisor.stop() == ()
 
 
 def test_processes_stop_one_after_the_other_in_reverse_order() -> None:
     """What starts first ends last, so that a recorder sees how the others end."""
-    leaving = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")
-    lines = Lines()
-    names = ("recorder", "sim", "driver")
-    with Supervisor([spec(name, leaving) for name in names], lines.take) as supervisor:
-        wait_until(lambda: lines.ready(*names), "all are ready")
+    with supervised(*(spec(name, LEAVING) for name in ("recorder", "sim", "driver"))) as (supervisor, lines):
         assert supervisor.stop() == ()
     assert [name for name, line in lines.all if line == "leaving"] == ["driver", "sim", "recorder"]
 
 
 def test_what_a_process_says_last_is_handed_on() -> None:
     """Who reads it may be slow: nothing is lost as it ends."""
-    lines = Lines()
-
-    def take_slowly(name: str, line: str) -> None:
-        time.sleep(0.2)
-        lines.take(name, line)
-
-    leaving = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.exit(0))")
-    with Supervisor([spec("sim", leaving)], take_slowly) as supervisor:
-        wait_until(lambda: lines.ready("sim"), "it is ready")
+    with supervised(spec("sim", LEAVING), take=lambda *_: time.sleep(0.2)) as (supervisor, lines):
         assert supervisor.stop() == ()
         assert ("sim", "leaving") in lines.all
 
 
 def test_a_stubborn_process_is_killed_and_named() -> None:
     """A process that ignores SIGTERM is killed after the timeout and counts as a bad end."""
-    lines = Lines()
-    stubborn = ChildSpec("stubborn", (sys.executable, "-c", STUBBORN), stop_timeout_s=0.2)
-    with Supervisor([stubborn], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("stubborn"), "it is ready")
+    with supervised(dataclasses.replace(spec("stubborn", STUBBORN), stop_timeout_s=0.2)) as (supervisor, _):
         process_id = supervisor.process_ids()["stubborn"]
         (bad,) = supervisor.stop()
     assert (bad.name, bad.exit_code) == ("stubborn", -signal.SIGKILL)
@@ -205,43 +197,28 @@ def test_a_stubborn_process_is_killed_and_named() -> None:
 
 def test_a_process_that_waits_for_a_core_is_waited_for() -> None:
     """On a busy machine a process that gets a hundredth of a core is not killed for it; it counts its own time."""
-    lines = Lines()
-    starved = ChildSpec("starved", (sys.executable, "-c", STARVED), stop_timeout_s=STARVED_TIMEOUT_S)
-    with Supervisor([starved], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("starved"), "it is ready")
+    with supervised(dataclasses.replace(spec("starved", STARVED), stop_timeout_s=STARVED_TIMEOUT_S)) as (supervisor, _):
         asked_s = time.monotonic()
         assert supervisor.stop() == ()
         assert time.monotonic() - asked_s > 2.0 * STARVED_TIMEOUT_S  # so that it would have been killed
 
 
-def test_a_process_that_still_loads_may_end_by_the_signal() -> None:
-    """Stopping before a process has installed its handlers is no failure."""
-    lines = Lines()
-    loading = "import time\nprint('ready', flush=True)\ntime.sleep(600)"
-    with Supervisor([spec("loading", loading)], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("loading"), "it loads")
-        assert supervisor.stop() == ()
-
-
-def test_a_process_that_has_loaded_may_not_end_by_the_signal() -> None:
-    """Once all is up, a process that the signal itself ended has not done its last duty, such as a release."""
-    lines = Lines()
-    careless = "import time\nprint('ready', flush=True)\ntime.sleep(600)"
-    with Supervisor([spec("driver", careless)], lines.take) as supervisor:
-        wait_until(lambda: lines.ready("driver"), "it runs")
-        supervisor.loaded()
-        (bad,) = supervisor.stop()
-    assert (bad.name, bad.exit_code) == ("driver", -signal.SIGTERM)
+@pytest.mark.parametrize("loaded", [False, True])
+def test_only_a_process_that_still_loads_may_end_by_the_signal(*, loaded: bool) -> None:
+    """Before it has installed handlers that is no failure; later it has not done its last duty, such as a release."""
+    with supervised(spec("driver", "import time\nprint('ready', flush=True)\ntime.sleep(600)")) as (supervisor, _):
+        if loaded:
+            supervisor.loaded()
+        bad = [(each.name, each.exit_code) for each in supervisor.stop()]
+    assert bad == ([("driver", -signal.SIGTERM)] if loaded else [])
 
 
 def test_an_exception_stops_everything() -> None:
     """Leaving the context by an exception leaves no process."""
-    lines = Lines()
     process_ids: list[int] = []
 
     def fail() -> None:
-        with Supervisor([spec("a", OBEDIENT), spec("b", OBEDIENT)], lines.take) as supervisor:
-            wait_until(lambda: lines.ready("a", "b"), "both are ready")
+        with supervised(spec("a", OBEDIENT), spec("b", OBEDIENT)) as (supervisor, _):
             process_ids.extend(supervisor.process_ids().values())
             raise RuntimeError
 

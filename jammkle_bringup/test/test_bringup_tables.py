@@ -62,27 +62,12 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
         if not 200 <= step < 400:
             maker.write("/lf_ankle/imu/data", time_s, imu(maker, time_s, step))
         if step % 2 == 0:
-            pressure = maker.make("sensor_msgs/msg/FluidPressure", maker.header(time_s), 1e5 - step, 0.0)
-            maker.write("/lf_ankle/achilles/pressure", time_s, pressure)
+            maker.write("/lf_ankle/achilles/pressure", time_s, maker.pressure(time_s, 1e5 - step))
             maker.write("/lf_ankle/joint_states", time_s, joints(maker, time_s, ["ankle_pitch", "carriage"]))
         if step % 100 == 0:
             maker.write("/lf_ankle/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 100))
-            fault = maker.make("jammkle_msgs/msg/Fault", 0, "", "")
-            channel = maker.make("jammkle_msgs/msg/ChannelJamState", "achilles", step // 100, 5e4, 1.5, "asked", 0)
-            state = (maker.header(time_s), False, 0.0, [channel], fault, 5e3, 7e4, "", 0.0)
-            maker.write("/lf_ankle/jam_state", time_s, maker.make("jammkle_msgs/msg/JamState", *state))
-    event = maker.make(
-        "jammkle_msgs/msg/ContactEvent",
-        maker.header(12.5),
-        1,
-        30.0,
-        "m/s^2",
-        0.002,
-        0.9,
-        "imu",
-        maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0),
-    )
-    maker.write("/lf_ankle/contact_events", 12.5, event)
+            maker.write("/lf_ankle/jam_state", time_s, maker.jam_state(time_s, step // 100, 5e4, "achilles"))
+    maker.write("/lf_ankle/contact_events", 12.5, maker.impact(12.5))
     return maker.close()
 
 

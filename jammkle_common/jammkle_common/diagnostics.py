@@ -171,12 +171,12 @@ class Liveness:
 
     def health(self) -> Health:
         """Return one line: who is there, and who is missed."""
-        now_s = self._now_s()
+        about, now_s = LIVENESS_LINE.removeprefix(": "), self._now_s()
         silent_s = 0.0 if self._node is None else self._node.clock_silent_s
         if silent_s > CLOCK_MISSED_AFTER_S:
             text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
             text += f"{MEANING[SIM_NODE]}"
-            return Health(LIVENESS_LINE.removeprefix(": "), Level.ERROR, text)
+            return Health(about, Level.ERROR, text)
         # Who stood still itself has received nothing, and has nobody to blame for it.
         since_s = now_s - self._looked_s
         if since_s > 1.5 * PERIOD_S:
@@ -186,16 +186,11 @@ class Liveness:
         missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
         values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
         if not missed:
-            return Health(
-                LIVENESS_LINE.removeprefix(": "),
-                Level.OK,
-                f"all there: {', '.join(sorted([self._own, *silent]))}",
-                values,
-            )
+            return Health(about, Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
         kinds = {name: name.rpartition("/")[2] for name in missed}
         texts = [f"{name} is dead or hangs: {MEANING.get(kind, 'not one of ours')}" for name, kind in kinds.items()]
         level = Level.WARN if set(kinds.values()) <= {GAP_MONITOR_NODE} else Level.ERROR
-        return Health(LIVENESS_LINE.removeprefix(": "), level, "; ".join(texts), values)
+        return Health(about, level, "; ".join(texts), values)
 
     def _take_bytes(self, serialized: bytes) -> None:
         """Read reports in which a name is found alone: to read one costs as much as ten samples of an IMU."""

@@ -44,8 +44,6 @@ _AT_ONCE = frozenset((DIAGNOSTICS.name, EMERGENCY_STOP.name))
 
 
 class _Waiting(NamedTuple):
-    """A message that waits for the tick."""
-
     topic: str
     stamp_ns: int
     deliver: Callable[[], Any]
@@ -83,7 +81,7 @@ class LockstepNode(Node):
         self._steady = RosClock(clock_type=ClockType.STEADY_TIME)
         if self._simulated:
             self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
-            self._answer = wire.HeaderWriter(self.get_fully_qualified_name())
+            self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
 
     def live_on_steady_clock(self) -> None:
         """Let the machine's steady clock count from now on: real hardware goes on while somebody pauses /clock.
@@ -116,16 +114,7 @@ class LockstepNode(Node):
         return float(clock.now().nanoseconds) / NANOSECONDS_PER_SECOND
 
     def every(self, period_s: float, callback: Callable[[], object]) -> Callable[[], None]:
-        """Call `callback` regularly, by the time that this node lives in.
-
-        Args:
-            period_s: Period, s, > 0.
-            callback: The work.
-
-        Returns:
-            Ends it.
-
-        """
+        """Call `callback` every period, s, > 0, by the time that this node lives in; return what ends that."""
         if not self._simulated:
             timer = self.create_timer(period_s, callback, clock=self._steady)
             return lambda: self.destroy_timer(timer)

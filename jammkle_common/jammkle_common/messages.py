@@ -91,15 +91,7 @@ class Health:
 
 
 def diagnostic_array(stamp: Any, node_name: str, hardware_id: str, health: Sequence[Health]) -> Any:
-    """Return health as a diagnostic_msgs/DiagnosticArray.
-
-    Args:
-        stamp: The graph's time, builtin_interfaces/Time.
-        node_name: Absolute name of the node that reports.
-        hardware_id: What the health is about, as in diagnostic_msgs.
-        health: The lines.
-
-    """
+    """Return the health of a node, by its absolute name, at a builtin_interfaces/Time, as a DiagnosticArray."""
     array = DiagnosticArray()
     array.header.stamp = stamp
     array.status = [

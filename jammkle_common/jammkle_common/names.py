@@ -92,99 +92,79 @@ class Topic:
     note: str
 
 
+def _sensor(name: str, message_type: str, note: str) -> Topic:
+    return Topic(name, message_type, TopicKind.SENSOR, note)
+
+
+def _state(name: str, message_type: str, note: str) -> Topic:
+    return Topic(name, message_type, TopicKind.STATE, note)
+
+
 PUMP_DUTY = Topic("pump/duty", "std_msgs/msg/Float32", TopicKind.ACTUATOR, "duty applied to the pump, 0 to 1")
-ACTUATOR_STATES = Topic(
+ACTUATOR_STATES = _sensor(
     "actuator_states",
     "jammkle_msgs/msg/ActuatorStates",
-    TopicKind.SENSOR,
     "duty and solenoids as the hardware has taken them, stamped; commands carry no stamp",
 )
-MANIFOLD_PRESSURE = Topic(
-    "manifold/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the manifold, Pa"
+MANIFOLD_PRESSURE = _sensor(
+    "manifold/pressure", "sensor_msgs/msg/FluidPressure", "absolute pressure in the manifold, Pa"
 )
-IMU = Topic(
-    "imu/data",
-    "sensor_msgs/msg/Imu",
-    TopicKind.SENSOR,
-    "specific force, m/s^2, and angular velocity, rad/s (REP-145); no orientation",
+IMU = _sensor(
+    "imu/data", "sensor_msgs/msg/Imu", "specific force, m/s^2, and angular velocity, rad/s (REP-145); no orientation"
 )
-JOINT_STATES = Topic(
-    "joint_states", "sensor_msgs/msg/JointState", TopicKind.SENSOR, "ankle angles, rad, and the rig's carriage, m"
+JOINT_STATES = _sensor("joint_states", "sensor_msgs/msg/JointState", "ankle angles, rad, and the rig's carriage, m")
+TENDON_STATES = _sensor(
+    "tendon_states", "jammkle_msgs/msg/TendonStates", "extension, m, rate, m/s, and tension, N, per tendon"
 )
-TENDON_STATES = Topic(
-    "tendon_states",
-    "jammkle_msgs/msg/TendonStates",
-    TopicKind.SENSOR,
-    "extension, m, rate, m/s, and tension, N, per tendon",
-)
-LOAD_CELL = Topic(
+LOAD_CELL = _sensor(
     "load_cell/wrench",
     "geometry_msgs/msg/WrenchStamped",
-    TopicKind.SENSOR,
     "force between rig and leg, N; tension on force.z is positive",
 )
-FOOT_CONTACT = Topic(
-    "foot_contact", "std_msgs/msg/Bool", TopicKind.SENSOR, "true: the foot's contact switch is closed; optional"
-)
-GAIT_PHASE = Topic(
+FOOT_CONTACT = _sensor("foot_contact", "std_msgs/msg/Bool", "true: the foot's contact switch is closed; optional")
+GAIT_PHASE = _sensor(
     "gait/phase",
     "std_msgs/msg/Float32",
-    TopicKind.SENSOR,
     "0 at touch-down to 1 at the next, of the foot; optional; a simulated robot that walks publishes it",
 )
-PLANNED_CONTACT = Topic(
+PLANNED_CONTACT = _sensor(
     "gait/contact",
     "std_msgs/msg/Bool",
-    TopicKind.SENSOR,
     "whether the gait plans contact of the foot now; optional; a simulated robot that walks publishes it",
 )
-JAM_STATE = Topic("jam_state", "jammkle_msgs/msg/JamState", TopicKind.STATE, "state and vacuum per channel")
+JAM_STATE = _state("jam_state", "jammkle_msgs/msg/JamState", "state and vacuum per channel")
 JAM_COMMAND = Topic(
     "jam_command", "jammkle_msgs/msg/JamCommand", TopicKind.COMMAND, "vacuum requested per channel, Pa; goes stale"
 )
 CONTACT_EVENTS = Topic(
     "contact_events", "jammkle_msgs/msg/ContactEvent", TopicKind.EVENT, "impact, slip, lift-off, swing, settled"
 )
-CONTACT_STATE = Topic(
+CONTACT_STATE = _state(
     "contact_state",
     "jammkle_msgs/msg/ContactState",
-    TopicKind.STATE,
     "contact, no contact or unknown, what shows it, and whether the ankle is soft in stance",
 )
-LANDING = Topic(
-    "landing",
-    "jammkle_msgs/msg/Landing",
-    TopicKind.STATE,
-    "vacuum chosen for the latest touch-down, what was reached, and why",
+LANDING = _state(
+    "landing", "jammkle_msgs/msg/Landing", "vacuum chosen for the latest touch-down, what was reached, and why"
 )
-EMERGENCY_STOP = Topic(
-    "emergency_stop", "std_msgs/msg/Bool", TopicKind.STATE, "true: release everything until ~/clear_fault"
-)
-SIM_PARAMETERS = Topic(
-    "sim_parameters", "std_msgs/msg/String", TopicKind.STATE, "rig and simulation parameters as YAML"
-)
-ROBOT_DESCRIPTION = Topic(
+EMERGENCY_STOP = _state("emergency_stop", "std_msgs/msg/Bool", "true: release everything until ~/clear_fault")
+SIM_PARAMETERS = _state("sim_parameters", "std_msgs/msg/String", "rig and simulation parameters as YAML")
+ROBOT_DESCRIPTION = _state(
     "robot_description",
     "std_msgs/msg/String",
-    TopicKind.STATE,
     "URDF of what is simulated: its frames are those of the messages, its joints those of joint_states",
 )
-ODOMETRY = Topic(
-    "odom",
-    "nav_msgs/msg/Odometry",
-    TopicKind.SENSOR,
-    "pose of base_link in odom, and its velocity in itself; of a simulation the truth",
+ODOMETRY = _sensor(
+    "odom", "nav_msgs/msg/Odometry", "pose of base_link in odom, and its velocity in itself; of a simulation the truth"
 )
-SIMULATOR_GAP = Topic(
+SIMULATOR_GAP = _state(
     "simulator_gap",
     "jammkle_msgs/msg/SimulatorGap",
-    TopicKind.STATE,
     "how far the robot is from its simulator, per subsystem, in units of the noise; from the gap monitor",
 )
-TRUE_CONTACT = Topic(
+TRUE_CONTACT = _sensor(
     "true_contact",
     "jammkle_msgs/msg/TrueContact",
-    TopicKind.SENSOR,
     "what a simulated robot's foot truly does on the ground: force, sliding",
 )
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TopicKind.CLOCK, "simulated time, after the state it belongs to")
@@ -192,10 +172,9 @@ DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TopicKind.EVENT, "health of every node, 1 Hz and on change"
 )
 
-LOCKSTEP = Topic(
+LOCKSTEP = _sensor(
     "lockstep",
     "std_msgs/msg/Header",
-    TopicKind.SENSOR,
     "from each node that the simulation waits for: its full name in frame_id, and up to which stamp it is done",
 )
 """Between a simulation and those that keep in step with it; not part of a recording, which says nothing of pace."""
@@ -217,15 +196,11 @@ def solenoid_topic(channel: str) -> Topic:
     return Topic(f"{channel}/solenoid", "std_msgs/msg/Bool", TopicKind.ACTUATOR, note)
 
 
-def pressure_topic(channel: str) -> Topic:
-    """Topic of a channel's pressure, absolute Pa."""
-    return Topic(
-        f"{channel}/pressure", "sensor_msgs/msg/FluidPressure", TopicKind.SENSOR, "absolute pressure in the channel, Pa"
-    )
-
-
 SOLENOIDS: dict[str, Topic] = {channel: solenoid_topic(channel) for channel in CHANNELS}
-PRESSURES: dict[str, Topic] = {channel: pressure_topic(channel) for channel in CHANNELS}
+PRESSURES: dict[str, Topic] = {
+    channel: _sensor(f"{channel}/pressure", "sensor_msgs/msg/FluidPressure", "absolute pressure in the channel, Pa")
+    for channel in CHANNELS
+}
 
 TOPICS: tuple[Topic, ...] = (
     PUMP_DUTY,
@@ -281,11 +256,13 @@ def frame(namespace: str, name: str) -> str:
 
 
 @dataclass(frozen=True)
-class _Offer:
-    """What a node offers to whoever calls: the node, and the name below that node."""
+class Service:
+    """One service: the node that offers it, its name below that, its type as `package/srv/Name`, and what it does."""
 
     node: str
     suffix: str
+    service_type: str
+    note: str
 
     @property
     def name(self) -> str:
@@ -296,14 +273,6 @@ class _Offer:
     def path(self) -> str:
         """Name relative to the namespace, for clients: `driver/jam`."""
         return f"{self.node}/{self.suffix}"
-
-
-@dataclass(frozen=True)
-class Service(_Offer):
-    """One service: its type as `package/srv/Name`, and what it does."""
-
-    service_type: str
-    note: str
 
 
 _TRIGGER = "std_srvs/srv/Trigger"
@@ -326,15 +295,13 @@ RESET = Service(SIM_NODE, "reset", _TRIGGER, "put the rig back to its start; sim
 STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simulation by steps")
 
 
-def channel_jam_service(channel: str) -> Service:
-    """Service that jams (true, default vacuum) or vents (false) one channel."""
-    return Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
-
-
 WAY_BACK = f"back to automatic: {SET_AUTO.path} with true"
 """From every state, after `~/clear_fault` where there is a fault or was a stop; named wherever something is refused."""
 
-CHANNEL_JAMS: dict[str, Service] = {channel: channel_jam_service(channel) for channel in CHANNELS}
+CHANNEL_JAMS: dict[str, Service] = {
+    channel: Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
+    for channel in CHANNELS
+}
 
 SERVICES: tuple[Service, ...] = (
     JAM,

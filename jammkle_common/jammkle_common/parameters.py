@@ -254,7 +254,6 @@ def _check_dynamic(row: ParameterRow, value: object) -> None:
 
 
 def _descriptor(row: ParameterRow) -> Any:
-    """Return rcl_interfaces/ParameterDescriptor."""
     unit = f" [{row.unit}]" if row.unit else ""
     from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
 
@@ -276,31 +275,25 @@ def _descriptor(row: ParameterRow) -> Any:
 
 @dataclass(frozen=True)
 class TypedUnit:
-    """A unit of the command line beside its SI unit, and how names of options and parameters end in them.
+    """A unit of the command line beside its SI unit, and how names of options and parameters end in them."""
 
-    Attributes:
-        si: Unit inside.
-        typed: Unit on the command line.
-        si_end: End of a parameter's name.
-        typed_end: End of an option's name, with underscores.
-        exponent: One typed unit is 10 to this power of the SI unit.
-        example: What to type for a value in SI.
-
-    """
-
-    si: str
     typed: str
+    """Unit on the command line."""
     si_end: str
+    """End of a parameter's name."""
     typed_end: str
+    """End of an option's name, with underscores."""
     exponent: int
+    """One typed unit is 10 to this power of the SI unit."""
     example: str
+    """What to type for a value in SI."""
 
 
 TYPED_UNITS = (
-    TypedUnit("Pa", "kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
-    TypedUnit("m/s", "mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
-    TypedUnit("m", "mm", "_m", "_mm", -3, "20 for 0.02 m"),
-    TypedUnit("m^3", "ml", "_m3", "_ml", -6, "100 for 0.0001 m^3"),
+    TypedUnit("kPa", "_pa", "_kpa", 3, "50 for 50000 Pa"),
+    TypedUnit("mm/s", "_m_s", "_mm_s", -3, "5 for 0.005 m/s"),
+    TypedUnit("mm", "_m", "_mm", -3, "20 for 0.02 m"),
+    TypedUnit("ml", "_m3", "_ml", -6, "100 for 0.0001 m^3"),
 )
 """Every other unit is typed as it is inside: s, Hz, kg, deg, l/min."""
 
@@ -383,14 +376,7 @@ def as_typed(error: Exception, lead: str = "--") -> str:
 
 
 def renamed(option: str, known: Collection[str], command: str = "") -> str | None:
-    """Return one line on where an option went that a subcommand does not know; None if it never was one.
-
-    Args:
-        option: As typed: `--vacuum-pa`.
-        known: Options of the subcommand.
-        command: The subcommand, with all its words.
-
-    """
+    """Return one line on where an option, as typed, went that a subcommand does not know; None if it never was one."""
     for words, names in RENAMED.items():
         if command.endswith(words) and option in names:
             return f"{option} is {names[option]} now"

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from jammkle_common.names import Topic
 
 _CHANGES_DEPTH = 100
-_LIVE_DEPTH = 10
-"""So that a stop which is taken back at once is still seen."""
 
 
 def _profile(delivery: Delivery) -> QoSProfile:
@@ -84,30 +82,17 @@ def answer_qos() -> QoSProfile:
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def live_qos() -> QoSProfile:
-    """Volatile profile that also matches publishers that do not latch (`ros2 topic pub` by default does not).
-
-    A latched subscription never sees such a publisher. Where missing one is dangerous (the emergency stop),
-    subscribe twice: with `subscriber_qos` for late joining, and with this.
-    """
-    return _profile(Delivery(_LIVE_DEPTH, reliable=True))
-
-
 _DEPTH = 10
 """Messages that wait, so that a stop which is taken back at once is still seen."""
 
 
 class MessageInfo(NamedTuple):
-    """What the middleware says of a message.
-
-    Attributes:
-        number: Which of its publisher's messages it is, from 1; 0 where the middleware does not count.
-        sent_ns: When it was published, ns since 1970; where that is not known, when it was received.
-
-    """
+    """What the middleware says of a message."""
 
     number: int
+    """Which of its publisher's messages it is, from 1; 0 where the middleware does not count."""
     sent_ns: int
+    """When it was published, ns since 1970; where that is not known, when it was received."""
 
 
 def with_info(callback: Callable[[Any, MessageInfo], None]) -> Callable[..., None]:
@@ -135,7 +120,8 @@ def subscribe_to_any(
     """
     profiles = [subscriber_qos(topic), newest_qos(_DEPTH)]
     if subscribed(topic).latched:
-        profiles.insert(1, live_qos())
+        # of those that do not latch, as `ros2 topic pub` by default does not, a latched subscription sees nothing
+        profiles.insert(1, _profile(Delivery(_DEPTH, reliable=True)))
     silent = SubscriptionEventCallbacks(use_default_callbacks=False)
     return tuple(
         node.create_subscription(message_type, topic.name, with_info(callback), profile, event_callbacks=silent)
@@ -162,13 +148,7 @@ _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 
 
 def belongs(namespace: str, name: str) -> bool:
-    """Return whether a topic is one of a namespace's, or said of it outside.
-
-    Args:
-        namespace: Normalised.
-        name: Full name of the topic.
-
-    """
+    """Return whether a topic, by its full name, is one of a normalised namespace's, or said of it outside."""
     if name in _OUTSIDE:
         return True
     inside = relative(namespace, name)
@@ -187,13 +167,7 @@ def misses(asked: QoSProfile, offered: QoSProfile) -> bool:
 
 
 def strongest(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strongest request that all of these publishers can meet.
-
-    Args:
-        offered: By each publisher.
-        depth: Messages that may wait.
-
-    """
+    """Return the strongest request that all of these publishers can meet; `depth` messages may wait."""
     reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
     latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
     return QoSProfile(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -41,13 +41,6 @@ class StopFlag:
         self._stopped = True
 
 
-class NodeBuilder(Protocol):
-    """Makes a node after rclpy.init; may raise ParameterError."""
-
-    def __call__(self) -> Node:
-        """Make the node."""
-
-
 def spin(_node: Node, executor: Executor, stop: StopFlag) -> None:
     """Serve callbacks until asked to stop."""
     while not stop:
@@ -55,7 +48,7 @@ def spin(_node: Node, executor: Executor, stop: StopFlag) -> None:
 
 
 def run(
-    make_node: NodeBuilder,
+    make_node: Callable[[], Node],
     arguments: Sequence[str] | None = None,
     *,
     loop: Callable[..., None] = spin,
@@ -67,7 +60,7 @@ def run(
     the loop ends, `shut_down` publishes the last, safe command while the context is still valid.
 
     Args:
-        make_node: Makes the node.
+        make_node: Makes the node after rclpy.init; may raise ParameterError.
         arguments: Command line (with `--ros-args`); None takes the process's own.
         loop: What to do until the flag is set: `loop(node, executor, stop)`.
         shut_down: Called with the node before it is destroyed, also when the loop ended by an exception.
@@ -88,7 +81,7 @@ def run(
 
 
 def run_together(
-    makers: Sequence[NodeBuilder],
+    makers: Sequence[Callable[[], Node]],
     arguments: Sequence[str] | None,
     *,
     loop: Callable[[Sequence[Node], Executor, StopFlag], None],

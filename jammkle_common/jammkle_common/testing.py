@@ -7,6 +7,8 @@ import gc
 import importlib
 import os
 import secrets
+import signal
+import time
 from typing import TYPE_CHECKING
 
 import psutil
@@ -15,7 +17,7 @@ from domain_coordinator import domain_id
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 DOMAINS = 100
 """Domains 1 to 100 are handed out, as domain_coordinator does by itself."""
@@ -63,11 +65,24 @@ def pytest_configure() -> None:
 
 @pytest.fixture(autouse=True)
 def _environment() -> Iterator[None]:
-    """Give every test the environment back as it was: a process of ours chooses how it talks when it starts."""
+    """Give every test environment and handlers of signals back: a process of ours chooses its own when it starts."""
     before = dict(os.environ)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     yield
     os.environ.clear()
     os.environ.update(before)
+    for number, handler in handlers.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+
+
+def wait_until(predicate: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
+    """Wait until something holds; fail with what was waited for."""
+    end_s = time.monotonic() + timeout_s
+    while not predicate():
+        if time.monotonic() > end_s:
+            pytest.fail(f"not within {timeout_s} s: {what}")
+        time.sleep(0.01)
 
 
 @contextlib.contextmanager

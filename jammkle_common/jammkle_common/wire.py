@@ -53,21 +53,15 @@ class Measured(NamedTuple):
 
 
 def read(serialized: bytes, doubles: int) -> Measured | None:
-    """Return what stands in a serialized message.
+    """Return what stands in a serialized message of a header and so many doubles; a std_msgs/Header itself has none.
 
-    Args:
-        serialized: As a raw subscription gets it.
-        doubles: How many follow its header.
-
-    Returns:
-        None where it is not little-endian plain CDR of that many doubles: let rclpy deserialize it.
-
+    None where it is not little-endian plain CDR of that many: let rclpy deserialize it.
     """
     if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
         return None
     seconds, nanoseconds, length = _HEADER.unpack_from(serialized, _ENCAPSULATION.size)
-    begin = _numbers_begin(length)
     numbers = _numbers(doubles)
+    begin = _numbers_begin(length, doubles)
     if len(serialized) < begin + numbers.size:
         return None
     frame_id = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
@@ -82,70 +76,31 @@ def read_clock(serialized: bytes) -> tuple[int, int] | None:
     return seconds, nanoseconds
 
 
-class HeaderWriter:
-    """Writes std_msgs/Header with one frame_id."""
-
-    def __init__(self, frame_id: str) -> None:
-        """Prepare the bytes."""
-        text = frame_id.encode() + b"\0"
-        self._bytes = bytearray(_TEXT_BEGIN + len(text))
-        _ENCAPSULATION.pack_into(self._bytes, 0, _PLAIN_LITTLE_ENDIAN, 0)
-        self._length = len(text)
-        self._bytes[_TEXT_BEGIN:] = text
-
-    def write(self, time_ns: int) -> bytes:
-        """Return the serialized message with a stamp, ns."""
-        seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
-        _HEADER.pack_into(self._bytes, _ENCAPSULATION.size, seconds, nanoseconds, self._length)
-        return bytes(self._bytes)
-
-
-def read_header(serialized: bytes) -> tuple[int, str] | None:
-    """Return stamp, ns, and frame_id of a serialized std_msgs/Header; None as `read`."""
-    if serialized[:2] != _PLAIN_LITTLE_ENDIAN or len(serialized) < _TEXT_BEGIN:
-        return None
-    seconds, nanoseconds, length = _HEADER.unpack_from(serialized, _ENCAPSULATION.size)
-    text = serialized[_TEXT_BEGIN : _TEXT_BEGIN + max(length - 1, 0)].decode(errors="replace")
-    return seconds * NANOSECONDS_PER_SECOND + nanoseconds, text
-
-
 class Writer:
     """Writes measurements of one frame."""
 
     def __init__(self, frame_id: str, doubles: int) -> None:
-        """Prepare the bytes.
-
-        Args:
-            frame_id: Of every measurement.
-            doubles: How many follow the header.
-
-        """
+        """Prepare the bytes of a header with a frame and of so many doubles; none: it is a std_msgs/Header itself."""
         text = frame_id.encode() + b"\0"
-        self._begin = _numbers_begin(len(text))
+        self._begin = _numbers_begin(len(text), doubles)
         self._numbers = _numbers(doubles)
         self._bytes = bytearray(self._begin + self._numbers.size)
         _ENCAPSULATION.pack_into(self._bytes, 0, _PLAIN_LITTLE_ENDIAN, 0)
         self._length = len(text)
         self._bytes[_TEXT_BEGIN : _TEXT_BEGIN + len(text)] = text
 
-    def write(self, time_ns: int, values: Sequence[float]) -> bytes:
-        """Return the serialized message.
-
-        Args:
-            time_ns: Stamp, ns.
-            values: All numbers behind the header, in the order of the message's fields.
-
-        """
+    def write(self, time_ns: int, values: Sequence[float] = ()) -> bytes:
+        """Return the serialized message with a stamp, ns, and the numbers behind the header, in their order."""
         seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
         _HEADER.pack_into(self._bytes, _ENCAPSULATION.size, seconds, nanoseconds, self._length)
         self._numbers.pack_into(self._bytes, self._begin, *values)
         return bytes(self._bytes)
 
 
-def _numbers_begin(text_length: int) -> int:
-    """Return where the first double stands."""
+def _numbers_begin(text_length: int, doubles: int) -> int:
+    """Return where the first double stands; without any, where the text ends."""
     behind = _HEADER.size + text_length
-    return _ENCAPSULATION.size + behind + -behind % _ALIGNMENT
+    return _ENCAPSULATION.size + behind + (-behind % _ALIGNMENT if doubles else 0)
 
 
 @functools.cache

@@ -49,6 +49,13 @@ def test_a_pressure_is_read_and_written_as_rclpy_does(frame_id: str) -> None:
     )
 
 
+@pytest.mark.parametrize("frame_id", FRAMES)
+def test_a_header_alone_is_read_and_written_as_rclpy_does(frame_id: str) -> None:
+    serialized = serialize_message(Header(frame_id=frame_id, stamp=Time(sec=7, nanosec=5)))
+    assert wire.read(serialized, 0) == (7_000_000_005, frame_id, ())
+    assert wire.Writer(frame_id, 0).write(7_000_000_005) == serialized
+
+
 def test_a_force_is_read_as_rclpy_does() -> None:
     wrench = Wrench(force=Vector3(x=1.0, y=2.0, z=-40.5), torque=Vector3(x=3.0, y=4.0, z=5.0))
     message = WrenchStamped(header=Header(frame_id="load_cell", stamp=Time(sec=2, nanosec=1)), wrench=wrench)

@@ -18,7 +18,7 @@ from jammkle_gap.ankle.recording import bag_of_run, load_recordings, recording_o
 from jammkle_gap.ankle.repeats import difference, group_of
 from jammkle_gap.ankle.shank import ShankMotion, moved_as_read
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.rigs.catalogue import EXERCISES, RIGS, run_rig
 from recorded import SIMULATOR, run, worst_gap
 
@@ -75,7 +75,7 @@ def test_a_nominal_exercise_lies_at_its_noise(name: str) -> None:
 @pytest.mark.parametrize("name", EXERCISES)
 def test_a_bag_on_disk_is_the_same_recording(name: str, tmp_path: Path) -> None:
     """Written and read again: the same signals, commands and motion."""
-    write_bag(run(name, **SHORT[name]), tmp_path / "bag", "/", MessageDefinitions(share_folders()))
+    write_bags({"": run(name, **SHORT[name])}, tmp_path / "bag", "/", MessageDefinitions(share_folders()))
     (read,) = load_recordings(tmp_path / "bag")
     straight = exercised(name)
     assert {each.name for each in read.signals} == {each.name for each in straight.signals}

@@ -24,7 +24,7 @@ from jammkle_gap import ankle_library, commands
 from jammkle_gap import diagnosing as gap_diagnosing
 from jammkle_gap.ankle.corrected import load_correction
 from jammkle_gap.ankle.sensors import SensorSet
-from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.rigs.catalogue import as_it_is, run_rig
 from jammkle_sim.rigs.pressure import PressureOptions
 
@@ -49,15 +49,6 @@ FEW = (
 """Effects on offer where the whole library would only take time."""
 
 
-@pytest.fixture(autouse=True)
-def _own_signals() -> Iterator[None]:
-    """Give the test process its signal handlers back; the command installs its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 def bag(folder: Path, name: str, seed: int, effects: str = "", options: PressureOptions = SHORT) -> Path:
     """Run the pressure rig, with effects that the bag does not tell of, and write a bag."""
     change: Callable[..., Any] = as_it_is
@@ -66,7 +57,7 @@ def bag(folder: Path, name: str, seed: int, effects: str = "", options: Pressure
         file.write_text(effects, encoding="utf-8")
         change = load_correction(file)
     run = run_rig("pressure", dataclasses.replace(options, seed=seed), lambda _: None, lambda: False, change)
-    write_bag(run, folder / name, "/", MessageDefinitions(share_folders()))
+    write_bags({"": run}, folder / name, "/", MessageDefinitions(share_folders()))
     return folder / name
 
 

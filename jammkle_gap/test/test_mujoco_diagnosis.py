@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -26,22 +25,13 @@ from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     Recorded = Callable[[robot_arm.Samples], robot_arm.Samples]
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 FEW = ("friction_elbow", "damping_elbow", "payload")
 """Effects on offer where the whole library would only take time."""
-
-
-@pytest.fixture(autouse=True)
-def _own_signals() -> Iterator[None]:
-    """Give the test process its signal handlers back; the command installs its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def rubbing(model: mujoco.MjModel) -> None:

@@ -55,13 +55,7 @@ class BoardPlant:
     """
 
     def __init__(self, parameters: PneumaticParameters | None = None, seed: int = 0) -> None:
-        """Start vented, the supply on.
-
-        Args:
-            parameters: Volumes, conductances, pump and valves; None: the simulation's own.
-            seed: Start of the sensors' noise, which is the simulation's.
-
-        """
+        """Start vented, the supply on, with constants and sensor noise of the simulation unless others are given."""
         built = parameters or PneumaticParameters()
         self.air = Pneumatics(built, TIMESTEP_S)
         self._noise = np.random.default_rng(seed)
@@ -97,10 +91,8 @@ class BoardPlant:
     def pins_uv(self) -> list[int]:
         """Voltages at the analogue pins, uV: three channels, the manifold, the supply's divider."""
         sensed_pa = self.sensed_pa()
-        return [*(sensor_uv(sensed_pa[place]) for place in (*CHANNELS, MANIFOLD)), self._supply_uv()]
-
-    def _supply_uv(self) -> int:
-        return round(self.supply_v * SUPPLY_DIVIDER * _MICROVOLTS)
+        supply_uv = round(self.supply_v * SUPPLY_DIVIDER * _MICROVOLTS)
+        return [*(sensor_uv(sensed_pa[place]) for place in (*CHANNELS, MANIFOLD)), supply_uv]
 
 
 def sensor_uv(pressure_pa: float) -> int:
@@ -119,20 +111,16 @@ _FULL_DUTY = 1000.0
 
 @dataclass(frozen=True)
 class Edge:
-    """The outputs from one moment on.
-
-    Attributes:
-        at_s: The moment, s of the machine's monotonic clock.
-        solenoids: As bits.
-        duty: 0 to 1.
-        board_s: The moment on the board's own clock, s, which stands still where the machine does not run the board.
-
-    """
+    """The outputs from one moment on."""
 
     at_s: float
+    """The moment, s of the machine's monotonic clock."""
     solenoids: int
+    """As bits."""
     duty: float
+    """0 to 1."""
     board_s: float
+    """The moment on the board's own clock, s, which stands still where the machine does not run the board."""
 
 
 class BoardBench:

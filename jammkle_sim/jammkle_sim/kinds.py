@@ -50,9 +50,6 @@ class SimKind:
 def make_simulation(parameters: SimParameters) -> Simulation:
     """Build the landing rig.
 
-    Args:
-        parameters: The node's parameters.
-
     Raises:
         ParameterError: the rig refuses a value, or the effects file cannot be used.
 
@@ -64,9 +61,6 @@ def make_simulation(parameters: SimParameters) -> Simulation:
 
 def make_robot(parameters: RobotParameters) -> Simulation:
     """Build the robot.
-
-    Args:
-        parameters: The node's parameters.
 
     Raises:
         ParameterError: the robot refuses a value, or the effects file cannot be used.

@@ -7,19 +7,22 @@ import time
 from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock
+from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import String
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
-from jammkle_common import names
+from jammkle_common import names, wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.messages import Health, Level
+from jammkle_common.names import CLOCK, LOCKSTEP, below, resolved
 from jammkle_common.parameters import declare, on_change
-from jammkle_common.qos import publisher_qos
+from jammkle_common.qos import answer_qos, node_at, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Step
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
 from jammkle_sim.core.engine import (
@@ -28,12 +31,11 @@ from jammkle_sim.core.engine import (
     Output,
     Pacer,
     RefusedError,
-    RunControl,
     RunState,
     steps_per_output,
 )
+from jammkle_sim.core.lockstep import Lockstep
 from jammkle_sim.parameters import GAIT_RATE_HZ, MACHINE_RATE_HZ, MAX_RATE_HZ, PRESSURE_RATE_HZ
-from jammkle_sim.participants import Participants
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 from jammkle_sim.robots.urdf import UrdfNames, robot_urdf
 from jammkle_sim.topics import (
@@ -46,9 +48,10 @@ from jammkle_sim.topics import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Iterable
 
     from rclpy.executors import Executor
+    from rclpy.publisher import Publisher
     from rclpy.service import Service
 
     from jammkle_common.runner import StopFlag
@@ -79,9 +82,6 @@ class SimNode(Node):
 
     def __init__(self, kind: SimKind) -> None:
         """Make the node, what it simulates and all its topics and services.
-
-        Args:
-            kind: What is simulated.
 
         Raises:
             ParameterError: an unknown parameter, or one out of range.
@@ -116,7 +116,7 @@ class SimNode(Node):
         self._joint_requests = JointRequests(self, self._simulation, self._time_s)
         self._describe()
         self._requests = _Requests(self, self._engine, self._reset, self._diagnostics.check)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        steady = RosClock(clock_type=ClockType.STEADY_TIME)
         self._clock_repeater = self.create_timer(_STANDING_CLOCK_PERIOD_S, self._repeat_standing_clock, clock=steady)
         self.add_on_set_parameters_callback(self._refuse_late_start_time)
         on_change(self, kind.parameters, self._take_changes)
@@ -136,7 +136,7 @@ class SimNode(Node):
         end_s = time.monotonic() + _LONGEST_WORK_S
         while True:
             if not self._participants.ready():
-                if self._participants.to_repeat():
+                if self._participants.account.to_repeat():
                     self._tick(self._engine.time_ns)
                 return _LONGEST_WAIT_S
             self._requests.answer_finished_steps()
@@ -149,7 +149,7 @@ class SimNode(Node):
         limit_ns = self._participants.limit_ns
         if limit_ns is not None:
             self._engine.go_as_far_as(limit_ns)
-        stands = self._engine.control.state in (RunState.PAUSED, RunState.FAILED)
+        stands = self._engine.stands
         left_out = stands and not self._built.publish_clock  # of a time that somebody else makes
         begins = not self._engine.begun and self._engine.wait_s() <= 0.0
         for board in self._boards:
@@ -174,10 +174,10 @@ class SimNode(Node):
         for outputs in self._outputs:
             outputs.publish(tick)
         self._machine_outputs.publish(tick, self._simulation)
-        if self._engine.control.state is not RunState.RUNNING:
+        if self._engine.state is not RunState.RUNNING:
             self._tick(tick.time_ns)
         elif self._clock_output.run(tick.time_ns):
-            self._participants.sent(tick.time_ns)
+            self._participants.account.sent(tick.time_ns)
         self._diagnostics.at(self._time_s())
 
     def _time_s(self) -> float:
@@ -186,14 +186,14 @@ class SimNode(Node):
     def _tick(self, time_ns: int) -> None:
         """Publish /clock, where that is this node's to make, and wait for the answers."""
         if self._clock_output.publish(time_ns):
-            self._participants.sent(time_ns)
+            self._participants.account.sent(time_ns)
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
         """Run until asked to stop: a cycle, then callbacks until the next one is due."""
         self._engine.restart_pace()  # making the node has taken time that nobody wants to catch up
         while not stop:
             executor.spin_once(timeout_sec=self.cycle())
-            if not self._participants.any:
+            if not self._participants.account.participants:
                 self._serve_drivers(executor)
 
     def _serve_drivers(self, executor: Executor) -> None:
@@ -224,24 +224,22 @@ class SimNode(Node):
     def _take_changes(self, changed: RunParameters) -> None:
         self._wanted = changed
         self._engine.set_speed(changed.speed)
-        self._participants.set_timeout(changed.lockstep_timeout_s)
+        self._participants.account.timeout_s = changed.lockstep_timeout_s
         if not self._engine.begun:
             self._engine.set_start_time(changed.start_time_s)
 
     def _repeat_standing_clock(self) -> None:
         """Publish the standing /clock again, so that a node which joins during a pause knows the time."""
-        if self._engine.control.state in (RunState.PAUSED, RunState.FAILED):
+        if self._engine.stands:
             self._tick(self._engine.time_ns)
 
     def _report_breaks(self) -> None:
-        """Say at once that a tendon broke."""
         broken = [outputs.broken_tendons for outputs in self._outputs]
         if broken != self._reported_broken:
             self._reported_broken = broken
             self._diagnostics.check()
 
     def _fail(self, why: str) -> None:
-        """Stop what cannot be simulated any further."""
         self._engine.fail(why)
         self.get_logger().error(f"{why}; paused until ~/reset")
         self._diagnostics.check()
@@ -263,17 +261,17 @@ class SimNode(Node):
     def _health(self) -> list[Health]:
         return [
             self._simulation_health(),
-            self._participants.health(),
+            self._participants.account.health(),
             *(each.health() for pair in zip(self._outputs, self._boards, strict=True) for each in pair),
             self._liveness.health(),
         ]
 
     def _simulation_health(self) -> Health:
         """Run state, simulated time and pace, and whether the clock is this simulation's alone."""
-        control, pacer, factor = self._engine.control, self._engine.pacer, self._engine.real_time_factor
+        engine, pacer, factor = self._engine, self._engine.pacer, self._engine.real_time_factor
         fastest = pacer.speed == AS_FAST_AS_POSSIBLE
         values = {
-            "state": control.state.value,
+            "state": engine.state.value,
             "simulated time (s)": f"{self._time_s():.4f}",
             "target real-time factor": "as fast as possible" if fastest else f"{pacer.speed:g}",
             "achieved real-time factor": "not measured yet" if math.isnan(factor) else f"{factor:.3f}",
@@ -281,13 +279,13 @@ class SimNode(Node):
             "real time given up (s)": f"{pacer.given_up_s:.3f}",
         }
         clocks = self.count_publishers(names.CLOCK.name) if self._built.publish_clock else 0
-        level, message = Level.OK, control.state.value
-        if control.state is RunState.FAILED:
-            level, message = Level.ERROR, f"{control.failure}; paused until ~/reset"
+        level, message = Level.OK, engine.state.value
+        if engine.state is RunState.FAILED:
+            level, message = Level.ERROR, f"{engine.failure}; paused until ~/reset"
         elif clocks > 1:
             level, message = Level.WARN, f"{names.CLOCK.name} is made by {clocks} simulations: stop the others, choose "
             message += "another ROS_DOMAIN_ID, or give all but one publish_clock:=false to live in its time"
-        elif control.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
+        elif engine.state is RunState.RUNNING and factor < _SLOW_BELOW * pacer.speed:
             level, message = Level.WARN, "slower than wanted; lower the parameter speed"
         return Health("simulation", level, message, values)
 
@@ -313,8 +311,8 @@ def _make_engine(simulation: Simulation, parameters: RunParameters, outputs: Col
         Output.PRESSURES: steps_per_output(PRESSURE_RATE_HZ, timestep_s, MAX_RATE_HZ),
     }
     periods = {output: period for output, period in periods.items() if output in outputs}
-    control, pacer = RunControl(start_paused=parameters.start_paused), Pacer(parameters.speed)
-    engine = Engine(simulation, periods, control, pacer, time.monotonic)
+    pacer = Pacer(parameters.speed)
+    engine = Engine(simulation, periods, pacer, time.monotonic, start_paused=parameters.start_paused)
     engine.set_start_time(parameters.start_time_s)
     return engine
 
@@ -325,15 +323,7 @@ class _Requests:
     def __init__(
         self, node: Node, engine: Engine, reset: Callable[[], None], on_state_change: Callable[[], None]
     ) -> None:
-        """Offer the services on `node`.
-
-        Args:
-            node: The node.
-            engine: What is paused, resumed and stepped.
-            reset: Resets machine and commands; may raise RefusedError.
-            on_state_change: Called after every request that was granted.
-
-        """
+        """Offer the services; resetting may raise RefusedError, and every granted request is told."""
         self._engine = engine
         self._reset_machine = reset
         self._on_state_change = on_state_change
@@ -344,7 +334,7 @@ class _Requests:
 
     def answer_finished_steps(self) -> None:
         """Answer ~/step if its steps are done, or if they never will be."""
-        if self._steps_asked and self._engine.control.state is not RunState.STEPPING:
+        if self._steps_asked and self._engine.state is not RunState.STEPPING:
             self._step_answer.release(self._fill_step_answer)
             self._steps_asked = 0
             self._on_state_change()
@@ -359,7 +349,7 @@ class _Requests:
             response.message = str(error)
             return response
         response.success = True
-        response.message = f"{self._engine.control.state.value} at {self._simulated_s():.4f} s"
+        response.message = f"{self._engine.state.value} at {self._simulated_s():.4f} s"
         self._on_state_change()
         return response
 
@@ -372,7 +362,7 @@ class _Requests:
         response.success = True
         response.message = (
             f"rig and noise as at the start; simulated time goes on from {self._simulated_s():.4f} s, "
-            f"{self._engine.control.state.value}"
+            f"{self._engine.state.value}"
         )
         self._on_state_change()
         return response
@@ -389,7 +379,7 @@ class _Requests:
         return response
 
     def _fill_step_answer(self, response: Step.Response) -> None:
-        failure = self._engine.control.failure
+        failure = self._engine.failure
         response.success = not failure
         response.message = failure or f"took {self._steps_asked} steps"
         response.simulated_time_s = self._simulated_s()
@@ -430,3 +420,106 @@ class _LateAnswer:
             self._held = (response, header)
         else:
             self._send(response, header)
+
+
+_STOPPED_AFTER_S = 10.0
+"""Real time without an answer, s, after which who is gone from the graph has not left in order: a process that a
+debugger or SIGSTOP stops is forgotten there once its lease ends (20 s in Fast DDS). It is to be waited for."""
+_LEFT_AFTER_S = 0.3
+"""Real time, s, for which an answer is missing before it is looked whether its sender has left the graph."""
+
+
+class Participants:
+    """The simulation's end of the topic `lockstep`: who answers its ticks, and its answers to another one's.
+
+    A simulation that makes /clock waits for its participants. One that lives in the /clock of another simulation goes
+    as far as that has ticked, and answers it when it is there and its own participants are done.
+    """
+
+    def __init__(
+        self, node: Node, ankles: Iterable[str], parameters: RunParameters, on_change: Callable[[], None]
+    ) -> None:
+        """Listen on `node`.
+
+        Args:
+            node: The sim node.
+            ankles: Namespaces of its ankles below its own; those in them take part, as those in its own do.
+            parameters: Whether it waits for others, for how long, and whether /clock is its own.
+            on_change: Called when somebody falls out of step, or is back.
+
+        """
+        self._node = node
+        self._on_change = on_change
+        self.account = Lockstep(parameters.lockstep_timeout_s, time.monotonic)
+        """Of ticks and answers; nobody is known where it does not wait for others."""
+        self._topics = [resolved(node.get_namespace(), below(within, LOCKSTEP)) for within in {"", *ankles}]
+        self._looked_s = 0.0
+        self._reported = 0
+        self._other: Publisher | None = None
+        self.limit_ns: int | None = None
+        """How far another simulation's clock has ticked, ns; None: no other one's has."""
+        self._answered_ns: int | None = None
+        self._writer = wire.Writer(node.get_fully_qualified_name(), 0)
+        if not parameters.lockstep:
+            return
+        for topic in self._topics:
+            node.create_subscription(Header, topic, self._take_answer, subscriber_qos(LOCKSTEP), raw=True)
+        if not parameters.publish_clock:
+            node.create_subscription(Clock, CLOCK.name, self._take_tick, subscriber_qos(CLOCK))
+
+    def ready(self) -> bool:
+        """Return whether the next step may be taken."""
+        ready = self.account.ready()
+        if not ready:
+            self._look_who_left()
+        if self.account.changes != self._reported:
+            self._reported = self.account.changes
+            self._on_change()
+        return ready
+
+    def arrived(self, next_output_ns: float) -> None:
+        """Answer the simulation that makes /clock, once this one is as far as it may go and all of its own are done.
+
+        The next output is infinitely far, ns, where time stands still and nobody is waited for.
+        """
+        tick_ns = self.limit_ns
+        if tick_ns is None or tick_ns == self._answered_ns or next_output_ns <= tick_ns or not self.ready():
+            return
+        if self._other is None:
+            makers = [node_at(end) for end in self._node.get_publishers_info_by_topic(CLOCK.name)]
+            if not makers or not makers[0]:
+                return
+            topic = resolved(makers[0].rpartition("/")[0], LOCKSTEP.name)
+            self._other = self._node.create_publisher(Header, topic, answer_qos())
+        self._other.publish(self._writer.write(tick_ns))
+        self._answered_ns = tick_ns
+
+    def _take_answer(self, serialized: bytes) -> None:
+        answer = wire.read(serialized, 0)
+        if answer is None:
+            header = deserialize_message(serialized, Header)
+            answer = wire.Measured(
+                header.stamp.sec * NANOSECONDS_PER_SECOND + header.stamp.nanosec, header.frame_id, ()
+            )
+        if answer.frame_id:
+            self.account.answered(answer.frame_id, answer.time_ns)
+
+    def _take_tick(self, message: Clock) -> None:
+        tick_ns = message.clock.sec * NANOSECONDS_PER_SECOND + message.clock.nanosec
+        if tick_ns == self.limit_ns:
+            self._answered_ns = None  # it asks again
+        self.limit_ns = tick_ns
+        self.account.sent(tick_ns)
+
+    def _look_who_left(self) -> None:
+        """Forget those that have left the graph in order; one that was killed is seen on it for a while."""
+        now_s = time.monotonic()
+        if self.account.waited_s < _LEFT_AFTER_S or now_s - self._looked_s < _LEFT_AFTER_S:
+            return
+        if self.account.timeout_s == 0.0 and self.account.waited_s > _STOPPED_AFTER_S:
+            return
+        self._looked_s = now_s
+        there = {node_at(end) for topic in self._topics for end in self._node.get_publishers_info_by_topic(topic)}
+        for name in self.account.missing:
+            if name not in there and "" not in there:
+                self.account.forget(name)

@@ -54,15 +54,7 @@ class AnkleOutputs:
     """Publishers of one ankle's outputs, sampled at the moment of publishing."""
 
     def __init__(self, node: Node, simulation: Simulation, name: str, outputs: Collection[Output]) -> None:
-        """Make the publishers.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated, whichever machine that is.
-            name: Of the ankle.
-            outputs: What it can publish.
-
-        """
+        """Make the publishers on the sim node of what an ankle, by its name, can publish."""
         self._within = within = namespaces(simulation)[name]
         self._simulation, self._name = simulation, name
         tendons = tuple(tendon.name for tendon in self._ankle.tendons())
@@ -166,16 +158,7 @@ class SimulatedBoard:
         on_change: Callable[[], None],
         time_s: Callable[[], float],
     ) -> None:
-        """Subscribe on `node`.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated, whichever machine that is.
-            name: Of the ankle that obeys.
-            on_change: Called when `refused` or `let_go` becomes something else.
-            time_s: Gives simulated time, s; the simulated board and its watchdog live in it.
-
-        """
+        """Subscribe on the sim node for an ankle, by its name; its board lives in simulated time, and tells changes."""
         self._within = within = namespaces(simulation)[name]
         self._simulation, self._name = simulation, name
         self.received = 0
@@ -222,12 +205,7 @@ class SimulatedBoard:
         self._is_new = True
 
     def before_step(self, time_ns: int) -> None:
-        """Let go if the driver has been silent for too long, and acknowledge what has changed.
-
-        Args:
-            time_ns: Simulated time at which the step begins, ns.
-
-        """
+        """Let go if the driver was silent for too long; acknowledge what has changed, at a simulated time, ns."""
         now_s = self._time_s()
         self._received_s = min(self._received_s, now_s)  # time may be set back
         is_on = self._duty > 0.0 or any(self._energised.values())
@@ -316,14 +294,7 @@ class JointRequests:
     """Lets the joints of a robot do what is asked of them."""
 
     def __init__(self, node: Node, simulation: Simulation, time_s: Callable[[], float]) -> None:
-        """Subscribe on `node`, if the simulation has joints that follow.
-
-        Args:
-            node: The sim node.
-            simulation: What is simulated.
-            time_s: Returns simulated time as on /clock, s.
-
-        """
+        """Subscribe on the sim node, if the simulation has joints that follow; time is that of /clock, s."""
         self._node, self._simulation, self._time_s = node, simulation, time_s
         if isinstance(simulation.machine.control, FollowingControl):
             topic = names.JOINT_TRAJECTORY

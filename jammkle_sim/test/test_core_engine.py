@@ -16,7 +16,6 @@ from jammkle_sim.core.engine import (
     Output,
     Pacer,
     RefusedError,
-    RunControl,
     RunState,
     Tick,
 )
@@ -51,8 +50,7 @@ class World:
     def __init__(self, speed: float = 1.0, *, start_paused: bool = False) -> None:
         self.now_s = 100.0
         self.simulation = Counter()
-        control = RunControl(start_paused=start_paused)
-        self.engine = Engine(self.simulation, PERIODS, control, Pacer(speed), lambda: self.now_s)
+        self.engine = Engine(self.simulation, PERIODS, Pacer(speed), lambda: self.now_s, start_paused=start_paused)
 
     def ticks(self) -> list[Tick]:
         """Everything that is due at this moment."""
@@ -130,7 +128,7 @@ def test_steps_are_exact_and_readings_keep_their_grid(first: int, second: int) -
         assert ticks[-1].time_ns == world.engine.time_ns
         assert set(STATES) <= set(ticks[-1].outputs)
         assert all(tick.time_ns % IMU_PERIOD_NS == 0 for tick in ticks if Output.IMU in tick.outputs)
-        assert world.engine.control.state is RunState.PAUSED
+        assert world.engine.state is RunState.PAUSED
 
 
 def test_a_reset_restarts_the_schedule_and_not_the_time() -> None:
@@ -165,7 +163,7 @@ def test_a_failure_stops_time_until_a_reset() -> None:
         with pytest.raises(RefusedError, match="it blew up; call ~/reset"):
             ask()
     world.engine.reset()
-    assert world.engine.control.state is RunState.PAUSED
+    assert world.engine.state is RunState.PAUSED
     world.engine.resume()
     assert world.run(0.0101)
 
@@ -176,7 +174,7 @@ def test_a_number_of_steps_out_of_range_is_refused(steps: int) -> None:
     world = World(start_paused=True)
     with pytest.raises(RefusedError, match=rf"steps is {steps}; it must be 1 to {MAX_STEPS}"):
         world.engine.begin_steps(steps)
-    assert world.engine.control.state is RunState.PAUSED
+    assert world.engine.state is RunState.PAUSED
 
 
 def test_wishes_that_do_not_fit_the_state_are_refused() -> None:

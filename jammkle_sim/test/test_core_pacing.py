@@ -113,11 +113,16 @@ def test_the_factor_forgets_what_is_long_past() -> None:
 
 
 def test_the_factor_says_when_it_does_not_know() -> None:
-    """Without a quarter of a second of measurements there is no factor, and a restart forgets."""
+    """Without a quarter of a second of measurements there is no factor; a restart forgets, and time that goes back."""
     factor = RealTimeFactor()
+    factor.note(math.nan, 0.0)
     assert math.isnan(factor.value())
     for tenth in range(10):
         factor.note(tenth * 0.1, tenth * 0.1)
+    assert factor.value() == pytest.approx(1.0)
+    factor.note(0.0, 1.0)
+    assert math.isnan(factor.value())
+    factor.note(1.0, 2.0)
     assert factor.value() == pytest.approx(1.0)
     factor.restart()
     assert math.isnan(factor.value())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,20 +17,10 @@ from jammkle_common.parameters import option_name, rows
 from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
 SHORT_PULL = ("rig", "tensile", "--vacuum-kpa", "50", "--extension-mm", "10", "--speed-mm-s", "50")
 LIFT_M = 0.05
-
-
-@pytest.fixture(autouse=True)
-def _own_signals() -> Iterator[None]:
-    """Give the test process its signal handlers back; the command installs its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def test_effects_are_put_into_the_rig_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
-from typing import TYPE_CHECKING
 
 from jammkle_common.parameters import ParameterError
 from jammkle_common.runner import run
 from jammkle_view.parameters import NO_PAGE
-
-if TYPE_CHECKING:
-    from jammkle_view.node import ViewerNode
 
 LOADED_LATER = ("jammkle_view.node",)
 """See `jammkle_common.processes`."""
@@ -19,20 +16,20 @@ LOADED_LATER = ("jammkle_view.node",)
 
 def main() -> int:
     """Run the viewer until SIGINT or SIGTERM and return the exit code."""
+    return run_loaded("jammkle_view.node", "ViewerNode", "viser", NO_PAGE)
+
+
+def run_loaded(module: str, node: str, needs: str, way_out: str) -> int:
+    """Run a node of a module, loaded under the runner's signal handlers, as that takes a second; it needs a library."""
+
+    def make_node():  # noqa: ANN202 - what the module has
+        if importlib.util.find_spec(needs) is None:
+            raise ParameterError(way_out)
+        return getattr(importlib.import_module(module), node)()
+
     return run(
-        _make_node,
-        loop=lambda node, executor, stop: node.drive(executor, stop),
-        shut_down=lambda node: node.shut_down(),
+        make_node, loop=lambda node, executor, stop: node.drive(executor, stop), shut_down=lambda node: node.shut_down()
     )
-
-
-def _make_node() -> ViewerNode:
-    if importlib.util.find_spec("viser") is None:
-        raise ParameterError(NO_PAGE)
-    # Loading MuJoCo and viser takes a second; here it happens under the runner's signal handlers.
-    from jammkle_view.node import ViewerNode  # noqa: PLC0415
-
-    return ViewerNode()
 
 
 if __name__ == "__main__":

@@ -21,7 +21,8 @@ from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import newest_qos, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Jam as JamService
 from jammkle_msgs.srv import Unjam as UnjamService
-from jammkle_view.core.ankle import Ankle, RealTimeFactor
+from jammkle_sim.core.engine import RealTimeFactor
+from jammkle_view.core.ankle import Ankle
 from jammkle_view.core.samples import TAKERS, Action, Ask, Jam, SetSim, Unjam
 from jammkle_view.page.live import LivePage
 from jammkle_view.page.server import address_of, is_watched, serve
@@ -57,12 +58,12 @@ class AnkleSubscriptions:
     """Subscriptions to one ankle's topics, and who takes their messages."""
 
     def __init__(self, node: Node, watcher: Node, namespace: str, ankle: Ankle, *, with_base: bool) -> None:
-        """Subscribe.
+        """Subscribe for an ankle in a namespace below both nodes' own; empty: in that.
 
         Args:
             node: Whose executor serves what is seldom.
             watcher: A node without executor: its messages call nobody.
-            namespace: Of the ankle, relative to both nodes'; empty: their own.
+            namespace: Of the ankle.
             ankle: Who takes the messages.
             with_base: Whether to subscribe to where the whole is, too; one of several ankles will do.
 
@@ -136,14 +137,14 @@ _REQUESTS: dict[Action, tuple[str, Any, Any]] = {
     Action.AUTO_OFF: (names.SET_AUTO.path, SetBool, SetBool.Request(data=False)),
 }
 """Service, its type and what is asked."""
+_FACTOR_FROM_S = 1.0
+"""Real time from which on a real-time factor is shown. Assumed: steady to look at, and soon right after a change."""
 _PATIENCE_S = 2.0
 """How long a request waits for its service. Assumed; discovery on one machine takes about 0.3 s."""
 
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A request that waits for its service to be found."""
-
     path: str
     client: Client
     request: Any
@@ -157,14 +158,7 @@ class Requests:
     """Clients of the services that the page needs, each made when it is first needed."""
 
     def __init__(self, node: Node, answer: Answer, take_speed: Callable[[float], None]) -> None:
-        """Ask nothing yet.
-
-        Args:
-            node: In whose namespace the ankles are.
-            answer: Takes what comes back.
-            take_speed: Takes the speed of the simulation, where that was read.
-
-        """
+        """Ask nothing yet of the ankles in the namespace of a node; take answers, and the speed where that was read."""
         self._node, self._answer, self._take_speed = node, answer, take_speed
         self._clients: dict[str, Client] = {}
         self._stops: dict[str, Publisher] = {}
@@ -250,7 +244,7 @@ class ViewerNode(Node):
         values = declare(self, ViewerParameters)
         self._frame_s = 1.0 / values.frame_rate_hz
         self._known = {name: Ankle() for name in _ankles(values.ankles)}
-        self._factor = RealTimeFactor()
+        self._factor = RealTimeFactor(_FACTOR_FROM_S)
         self._requested: queue.SimpleQueue[Request] = queue.SimpleQueue()
         try:
             self._server = serve(values.host, values.port, "Jammkle")

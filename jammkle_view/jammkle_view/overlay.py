@@ -20,7 +20,8 @@ from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 from jammkle_sim.robots.catalogue import robot
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_view.core.models import described, known, setting_of
-from jammkle_view.recorded import IMU_SIGNALS, Motion, Rows, Track
+from jammkle_view.core.samples import Base, Imu, Joints, Pressure, Tendons
+from jammkle_view.recorded import Collected, Motion, Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from jammkle_view.core.models import Naming
+    from jammkle_view.core.samples import Sample
     from jammkle_view.recorded import Recorded
 
 _UNSHOWN_NOTES = 3
@@ -67,13 +69,7 @@ class Overlay:
 
 
 def overlay_of(path: Path, recorded: Recorded, rig: str | None, corrected: Path | None) -> Overlay:
-    """Run again what a bag holds.
-
-    Args:
-        path: The bag.
-        recorded: The same as read for the page.
-        rig: What it was recorded on, where the bag does not say.
-        corrected: Effects file that the simulator is corrected by; None: nominal.
+    """Run again what a bag holds, of this rig if the bag does not say, corrected by an effects file or nominal.
 
     Raises:
         InputError: the effects file cannot be used, or the recording cannot be run again; the message says why.
@@ -114,7 +110,6 @@ _STATE_TICKS = 5
 """IMU samples per sample of joints, pressures and tensions: 100 Hz, more than a page shows in a second."""
 _MISSED_S = 0.05
 """Recordings that begin later get a note: what was commanded before is not in them."""
-_BASE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _UNITS = {
     "pressure": "Pa",
     "specific_force": "m/s^2",
@@ -132,11 +127,6 @@ def is_robot(recorded: Recorded) -> bool:
 
 def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float], None]) -> Overlay:
     """Simulate what a bag of a robot holds: from the robot's start, without noise, commanded as its ankles were.
-
-    Args:
-        path: The bag.
-        recorded: The same as read for the page.
-        on_progress: Takes the share that is done, 0 to 1.
 
     Raises:
         InputError: it cannot be simulated again; the message says why.
@@ -158,12 +148,16 @@ def robot_overlay(path: Path, recorded: Recorded, on_progress: Callable[[float],
     if not commands:
         msg = f"bag {path} holds no commands of {names.PUMP_DUTY.name} or a solenoid: nobody knows its commands"
         raise InputError(msg)
-    noted = _Noted(shown, setting_of(recorded.description).ankles)
+    collected, namings = Collected(), setting_of(recorded.description).ankles
     try:
-        _run(simulation, commands, end_s, noted, on_progress)
+        for tick, time_s in _ticks(simulation, commands, end_s):
+            for sample in _samples(simulation, shown, namings, time_s, with_state=tick % _STATE_TICKS == 0):
+                collected.take(sample)
+            if tick % (100 * _STATE_TICKS) == 0:
+                on_progress(time_s / end_s)
     except UnstableSimulationError as error:
         raise InputError(str(error)) from error
-    run = noted.run(simulation.model, recorded.start_s)
+    run = SimulatedRun(model=simulation.model, **collected.motion(recorded.start_s))
     note = (
         f"simulated from the robot's start, {recorded.start_s:.1f} s before the recording; its commands until then "
         "are taken to be the first that were recorded, and a reset is not known"
@@ -189,13 +183,8 @@ def _simulation(recorded: Recorded) -> Simulation:
     return Simulation(dataclasses.replace(built, sensors=sensors))
 
 
-def _run(
-    simulation: Simulation,
-    commands: Sequence[Command],
-    end_s: float,
-    noted: _Noted,
-    on_progress: Callable[[float], None],
-) -> None:
+def _ticks(simulation: Simulation, commands: Sequence[Command], end_s: float) -> Iterator[tuple[int, float]]:
+    """Go on from one sample of the IMU to the next, with what is commanded in between; give number and time, s."""
     first: dict[tuple[str, str], Command] = {}
     for each in commands:
         first.setdefault((each.ankle, each.channel), each)
@@ -214,9 +203,7 @@ def _run(
             following = next(coming, None)
         simulation.advance(end - taken)
         taken = end
-        noted.take(simulation, tick * _IMU_PERIOD_S, with_state=tick % _STATE_TICKS == 0)
-        if tick % (100 * _STATE_TICKS) == 0:
-            on_progress(tick * _IMU_PERIOD_S / end_s)
+        yield tick, tick * _IMU_PERIOD_S
 
 
 def _command(simulation: Simulation, command: Command) -> None:
@@ -227,44 +214,26 @@ def _command(simulation: Simulation, command: Command) -> None:
         view.set_pump_duty(min(max(command.value, 0.0), 1.0))
 
 
-class _Noted:
-    """What one ankle and the robot around it do, as it comes."""
-
-    def __init__(self, shown: str, namings: Mapping[str, Naming]) -> None:
-        self._shown, self._namings = shown, namings
-        self._imu, self._pressures_pa = Rows(), Rows()
-        self._tensions_n, self._base, self._joints = Rows(), Rows(), Rows()
-
-    def take(self, simulation: Simulation, time_s: float, *, with_state: bool) -> None:
-        """Take a sample of the IMU, and of everything else where it is due."""
-        view = simulation.ankles[self._shown]
-        imu = view.imu()
-        values = (*imu.specific_force_m_s2, *imu.angular_velocity_rad_s)
-        self._imu.append(time_s, dict(zip(IMU_SIGNALS, values, strict=True)))
-        if not with_state:
-            return
-        base = simulation.base()
-        self._base.append(time_s, dict(zip(_BASE, (*base.position_m, *base.rotation), strict=True)))
-        pressures_pa = {names.PRESSURES[channel].name: each for channel, each in view.channel_pressures_pa().items()}
-        self._pressures_pa.append(time_s, {names.MANIFOLD_PRESSURE.name: view.manifold_pressure_pa(), **pressures_pa})
-        tensions_n = (tendon.tension_n for tendon in view.tendons())
-        self._tensions_n.append(time_s, dict(zip(names.TENDONS, tensions_n, strict=True)))
-        joints = dict(view.joint_positions())  # plots know them by the ankle's own names, the model by its
-        for name, ankle in simulation.ankles.items():
-            naming = self._namings[name if len(simulation.ankles) > 1 else ""]
-            joints |= {naming.joint(joint): value for joint, value in ankle.joint_positions().items()}
-        self._joints.append(time_s, joints)
-
-    def run(self, model: Any, start_s: float) -> SimulatedRun:
-        """Return all of it, in the time of the recording."""
-        tracks = (self._pressures_pa.track(start_s), self._imu.track(start_s))
-        return SimulatedRun(
-            model=model,
-            joints=self._joints.track(start_s),
-            tensions_n=self._tensions_n.track(start_s),
-            readings={name: each for track in tracks for name, each in track.apart(track.columns).items()},
-            base=self._base.track(start_s),
-        )
+def _samples(
+    simulation: Simulation, shown: str, namings: Mapping[str, Naming], time_s: float, *, with_state: bool
+) -> Iterator[Sample]:
+    """Give a sample of the shown ankle's IMU, and of everything else where it is due."""
+    view, imu = simulation.ankles[shown], simulation.ankles[shown].imu()
+    yield Imu(time_s, imu.specific_force_m_s2, imu.angular_velocity_rad_s)
+    if not with_state:
+        return
+    base = simulation.base()
+    yield Base(time_s, base.position_m, base.rotation)
+    yield Pressure(time_s, names.MANIFOLD_PRESSURE.name, view.manifold_pressure_pa())
+    for channel, pressure_pa in view.channel_pressures_pa().items():
+        yield Pressure(time_s, names.PRESSURES[channel].name, pressure_pa)
+    tensions_n = (tendon.tension_n for tendon in view.tendons())
+    yield Tendons(time_s, dict(zip(names.TENDONS, tensions_n, strict=True)), frozenset())
+    joints = dict(view.joint_positions())  # plots know them by the ankle's own names, the model by its
+    for name, ankle in simulation.ankles.items():
+        naming = namings[name if len(simulation.ankles) > 1 else ""]
+        joints |= {naming.get(joint, joint): value for joint, value in ankle.joint_positions().items()}
+    yield Joints(time_s, joints)
 
 
 def _gaps(recorded: Recorded, run: SimulatedRun) -> Iterator[Gap]:
@@ -292,14 +261,9 @@ class Command:
 
 
 def commands_of(path: Path, namespaces: Mapping[str, str]) -> list[Command]:
-    """Return the commands of pumps and solenoids, in order.
+    """Return the commands of pumps and solenoids of ankles, by the namespaces in which they are, in order.
 
     Where the hardware has said when it took its commands (`actuator_states`), that counts, and the commands do not.
-
-    Args:
-        path: The bag.
-        namespaces: Names of the ankles, by the namespaces in which they are.
-
     """
     asked: dict[str, list[Command]] = {name: [] for name in namespaces.values()}
     taken: dict[str, list[Command]] = {name: [] for name in namespaces.values()}

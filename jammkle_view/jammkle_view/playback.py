@@ -47,17 +47,7 @@ def run(
     *,
     simulated: bool,
 ) -> int:
-    """Show a bag until asked to stop; return the exit code.
-
-    Args:
-        bag: What is played back.
-        namespace: Of the ankle; None: the only one.
-        rig: What it was recorded on, where the bag does not say.
-        corrected: Effects file that corrects the simulation.
-        host: Address that the page listens on.
-        port: TCP port; ANY_PORT takes the first free one.
-        asked_to_stop: Ends it.
-        simulated: Whether its simulation is laid over it.
+    """Show a bag until asked to stop; return the exit code. Options are those of `jammkle view`.
 
     Raises:
         InputError: no bag, an option that does not fit, or a port that is taken.
@@ -118,16 +108,7 @@ class PlaybackPage:
     def __init__(
         self, server: viser.ViserServer, recorded: Recorded, overlay: Overlay | None, why_not: str, player: Player
     ) -> None:
-        """Lay the page out.
-
-        Args:
-            server: Running.
-            recorded: What is played back.
-            overlay: Its simulation; None: there is none.
-            why_not: Why there is none; may be empty.
-            player: Is moved by what is clicked, and moves the page.
-
-        """
+        """Lay the page out; clicks move the player, which moves the page. `why_not`: why there is no overlay."""
         self._server, self._recorded, self._overlay, self._player = server, recorded, overlay, player
         self._slider_s = 0.0
         setting = setting_of(recorded.description)
@@ -174,12 +155,7 @@ class PlaybackPage:
         self._shown_s = math.nan
 
     def show(self, now_s: float) -> None:
-        """Show where the player stands.
-
-        Args:
-            now_s: Real time, s, from a steady clock.
-
-        """
+        """Show where the player stands, at a time of a steady clock, s."""
         asked_s = float(self._slider.value)
         if asked_s != self._slider_s:  # by somebody: what the page has written itself is known
             self._slider_s = asked_s
@@ -284,15 +260,7 @@ class PlaybackPlots:
     """All plots of a recording."""
 
     def __init__(self, gui: viser.GuiApi, tab: viser.GuiTabHandle, recorded: Recorded, overlay: Overlay | None) -> None:
-        """Draw them.
-
-        Args:
-            gui: Of the page.
-            tab: Where.
-            recorded: What was measured.
-            overlay: Its simulation, if there is one.
-
-        """
+        """Draw them into a tab of the page, with the simulation if there is one."""
         self._gui, self._tab, self._recorded = gui, tab, recorded
         self._runs = () if overlay is None else tuple(run.signals for run in overlay.runs)
         self._quantities = [each for each in QUANTITIES if self._labels(each)]
@@ -375,12 +343,7 @@ class Player:
     """A place in a recording, 0 to its duration, that moves on while it plays, and begins again at the end."""
 
     def __init__(self, duration_s: float) -> None:
-        """Stand still at the start.
-
-        Args:
-            duration_s: Of the recording, s, above 0.
-
-        """
+        """Stand still at the start of a recording of a duration above 0, s."""
         self.duration_s = duration_s
         self.time_s = 0.0
         self.speed = 1.0

@@ -160,18 +160,13 @@ def _latest(samples: Sequence[Timed], time_s: float) -> Timed | None:
 
 
 def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[float], None]) -> Recorded:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        namespace: Of the ankle; None takes the only one that is there.
-        on_progress: Takes the share that was read, 0 to 1.
+    """Read what a bag holds of the ankle in a namespace; None: of the only one. Tell the share that was read, 0 to 1.
 
     Raises:
         InputError: no bag, no ankle in it, several ankles and no namespace, or nothing that was measured.
 
     """
-    collected = _Collected()
+    collected = Collected()
     with opened(path) as reader:
         found = namespaces_in(reader.topics)
         chosen = _chosen(path, found, namespace)
@@ -198,7 +193,7 @@ def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
 
 
 def _takers(
-    collected: _Collected, chosen: str, found: Sequence[str], present: Collection[str]
+    collected: Collected, chosen: str, found: Sequence[str], present: Collection[str]
 ) -> dict[str, Callable[[Any], None]]:
     """Return what takes the messages of each topic: the ankle's own, its robot's, and the joints of its others."""
     above = chosen.rpartition("/")[0]
@@ -247,10 +242,11 @@ class Rows:
         return Track(time_s, {name: np.asarray(values)[order] for name, values in sorted(self._columns.items())})
 
 
-class _Collected:
-    """Collects samples."""
+class Collected:
+    """Collects samples of one ankle and its robot, recorded or simulated."""
 
     def __init__(self) -> None:
+        """Begin without a sample."""
         self._joints, self._base, self._imu = Rows(), Rows(), Rows()
         self._tensions_n, self._extensions_m = Rows(), Rows()
         self._pressures_pa: dict[str, Rows] = defaultdict(Rows)
@@ -292,6 +288,16 @@ class _Collected:
             case Description():
                 self._description = sample.text
 
+    def motion(self, start_s: float) -> dict[str, Any]:
+        """Return the fields of a Motion whose times count from a start, s."""
+        readings = {topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()}
+        return {
+            "joints": self._joints.track(start_s),
+            "tensions_n": self._tensions_n.track(start_s),
+            "readings": readings | self._imu.track(start_s).apart(IMU_SIGNALS),
+            "base": self._base.track(start_s),
+        }
+
     def recorded(self, name: str, namespace: str) -> Recorded:
         """Put all of it in order.
 
@@ -305,18 +311,13 @@ class _Collected:
             msg = f"bag {name} holds nothing that was measured in namespace {namespace}"
             raise InputError(msg)
         start_s, end_s = min(float(each.min()) for each in times_s), max(float(each.max()) for each in times_s)
-        readings = {topic: rows.track(start_s) for topic, rows in self._pressures_pa.items()}
-        readings |= self._imu.track(start_s).apart(IMU_SIGNALS)
         return Recorded(
             name=name,
             namespace=namespace,
             start_s=start_s,
             duration_s=max(end_s - start_s, _SHORTEST_S),
-            joints=self._joints.track(start_s),
-            base=self._base.track(start_s),
+            **self.motion(start_s),
             others={ankle: rows.track(start_s) for ankle, rows in self._others.items()},
-            tensions_n=self._tensions_n.track(start_s),
-            readings=readings,
             broken={tendon: time_s - start_s for tendon, time_s in self._broken.items()},
             extensions_m=self._extensions_m.track(start_s),
             landings=_since(start_s, self._landings),

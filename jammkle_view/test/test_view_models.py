@@ -60,9 +60,9 @@ def test_each_ankle_of_a_quadruped_moves_its_own_foot() -> None:
     setting = setting_of("robot: quadruped\noptions: {behaviour: walk}")
     assert set(setting.ankles) == set(QUADRUPED_ANKLES)
     kinematics = Kinematics(setting.model)
-    assert set(kinematics.segments) == {naming.tendon(each) for naming in setting.ankles.values() for each in TENDONS}
+    assert set(kinematics.segments) == {naming[each] for naming in setting.ankles.values() for each in TENDONS}
     start = kinematics.rotations.copy()
-    kinematics.move({setting.ankles["lh_ankle"].joint("ankle_pitch"): 0.3})
+    kinematics.move({setting.ankles["lh_ankle"]["ankle_pitch"]: 0.3})
     turned = np.abs(kinematics.rotations - start).max(axis=1) > 1e-6
     assert [name for name, moved in zip(kinematics.bodies, turned, strict=True) if moved] == ["lh_ankle/foot"]
 
@@ -83,7 +83,7 @@ def test_a_robot_is_drawn_where_it_says_that_it_is() -> None:
     kinematics = Kinematics(setting.model)
     (*_, sample) = simulation.samples(3.0, 100)
     joints = {
-        setting.ankles[name].joint(joint): value
+        setting.ankles[name][joint]: value
         for name, ankle in sample.ankles.items()
         for joint, value in ankle.positions.items()
     }

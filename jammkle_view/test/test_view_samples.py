@@ -12,7 +12,7 @@ from jammkle_common import names
 from jammkle_msgs.msg import ChannelJamState, ContactEvent, TendonState, TendonStates
 from jammkle_msgs.msg import Landing as LandingMessage
 from jammkle_view.core import samples
-from jammkle_view.core.ankle import Ankle, RealTimeFactor, Trace, thinned
+from jammkle_view.core.ankle import Ankle, Trace, thinned
 from jammkle_view.core.figure import BROKEN_TINT, EVENT_TINTS, LINE_TINTS, Rgb, tendon_tint
 from jammkle_view.core.samples import Channel, ChannelState, EventKind, JamReport, Joints, Pressure
 from jammkle_view.page.plots import range_of
@@ -51,16 +51,6 @@ def test_a_trace_keeps_the_latest_and_begins_again_when_time_does() -> None:
     assert trace.window(0.0, 10.0)[0].tolist() == [2.0, 3.0, 4.0, 5.0]
     trace.append(0.5, [9.0])
     assert trace.window(0.0, 10.0)[1].tolist() == [[9.0]]
-
-
-def test_the_real_time_factor_is_that_of_the_last_seconds() -> None:
-    """Half speed reads as a half; a robot that has said nothing has none."""
-    factor = RealTimeFactor()
-    factor.note(math.nan, 0.0)
-    assert math.isnan(factor.value())
-    for tick in range(100):
-        factor.note(10.0 + 0.05 * tick, 0.1 * tick)
-    assert factor.value() == pytest.approx(0.5)
 
 
 def test_a_tendon_takes_the_state_of_its_channel() -> None:

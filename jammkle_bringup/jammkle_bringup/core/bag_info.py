@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
+from jammkle_common.bags.contents import profiles
 from jammkle_common.bags.reading import namespaces_in, opened
 from jammkle_common.bags.run_sheet import read_sheet
 from jammkle_common.bags.times import BagTimes, Span, other_clock
@@ -19,31 +20,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from jammkle_common.bags.reading import Connection
+    from jammkle_common.bags.storage import Connection
 
 _PROGRESS_MESSAGES = 10_000
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic.
-
-    Attributes:
-        name: Absolute name.
-        message_type: `package/msg/Name`.
-        count: Messages.
-        rate_hz: Mean rate between its first and its last message; None for fewer than two moments.
-        rate_by: Whose time that is: `stamp`, `/clock` or `log`.
-        reliability: As it was offered.
-        durability: As it was offered.
-
-    """
+    """One topic."""
 
     name: str
+    """Absolute name."""
     message_type: str
+    """`package/msg/Name`."""
     count: int
     rate_hz: float | None
+    """Mean rate between its first and its last message; None for fewer than two moments."""
     rate_by: str
+    """Whose time that is: `stamp`, `/clock` or `log`."""
     reliability: str
     durability: str
 
@@ -68,11 +62,7 @@ class BagInfo:
 
 
 def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
-    """Read a bag's description, and all its messages once, to see that it is whole.
-
-    Args:
-        path: The bag.
-        on_progress: Called now and then with the share that was read, 0 to 1.
+    """Read a bag's description, and all its messages once, to see that it is whole; tell the share that was read.
 
     Raises:
         InputError: it cannot be read, or is damaged.
@@ -104,15 +94,15 @@ def bag_info(path: Path, on_progress: Callable[[float], None]) -> BagInfo:
 
 
 def _topic(connection: Connection, span: Span, times: BagTimes) -> TopicInfo:
-    profiles = connection.profiles()
+    offered = profiles(connection.offered)
     return TopicInfo(
         name=connection.topic,
         message_type=connection.msgtype,
         count=connection.msgcount,
         rate_hz=span.rate_hz,
         rate_by=times.source(connection).value,
-        reliability=", ".join(sorted({profile.reliability.name.lower() for profile in profiles})),
-        durability=", ".join(sorted({profile.durability.name.lower() for profile in profiles})),
+        reliability=", ".join(sorted({profile.reliability.name.lower() for profile in offered})),
+        durability=", ".join(sorted({profile.durability.name.lower() for profile in offered})),
     )
 
 

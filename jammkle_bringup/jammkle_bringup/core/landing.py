@@ -90,11 +90,7 @@ class RunSeries:
 
 
 def read_run(path: Path, namespace: str | None = None) -> RunSeries:
-    """Read a bag.
-
-    Args:
-        path: The bag.
-        namespace: Normalised namespace; None takes the only one that is there.
+    """Read what a bag holds of the ankle in a normalised namespace; None: of the only one.
 
     Raises:
         InputError: unreadable, empty, no topic of an ankle, or several ankles and no namespace.
@@ -180,50 +176,38 @@ _VALUES: dict[str, Callable[[Any], Values]] = {
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """One channel. Times are s after the start of the bag; None: did not happen, or is not in the bag.
-
-    Attributes:
-        channel: Its name.
-        energised_s: First time its solenoid was energised.
-        commanded_vacuum_pa: Largest vacuum asked for, gauge, positive.
-        reached_s: First time the measured vacuum was 95 % of that, after the solenoid was energised.
-        greatest_vacuum_pa: Largest vacuum measured, gauge, positive.
-
-    """
+    """One channel. Times are s after the start of the bag; None: did not happen, or is not in the bag."""
 
     channel: str
     energised_s: float | None
+    """First time its solenoid was energised."""
     commanded_vacuum_pa: float | None
+    """Largest vacuum asked for, gauge, positive."""
     reached_s: float | None
+    """First time the measured vacuum was 95 % of that, after the solenoid was energised."""
     greatest_vacuum_pa: float | None
+    """Largest vacuum measured, gauge, positive."""
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """A landing in numbers. Times are s after the start of the bag; None: did not happen, or is not in the bag.
-
-    Attributes:
-        bag: Path of the bag.
-        namespace: Where its ankle stood.
-        duration_s: Length of the bag.
-        touch_down_s: First push on the load cell beyond 2 N after it did not push.
-        detected_s: Stamp of the IMU sample with which the controller detected the impact.
-        detection_delay_s: Between the first sample of the impact and that one, as the controller says.
-        peak_deceleration_m_s2: See PEAK_DEFINITION.
-        channels: One entry per channel.
-        missing: What the bag does not hold, and what could not be said for that.
-
-    """
+    """A landing in numbers. Times are s after the start of the bag; None: did not happen, or is not in the bag."""
 
     bag: str
     namespace: str
+    """Where its ankle stood."""
     duration_s: float
     touch_down_s: float | None
+    """First push on the load cell beyond 2 N after it did not push."""
     detected_s: float | None
+    """Stamp of the IMU sample with which the controller detected the impact."""
     detection_delay_s: float | None
+    """Between the first sample of the impact and that one, as the controller says."""
     peak_deceleration_m_s2: float | None
+    """See PEAK_DEFINITION."""
     channels: tuple[ChannelSummary, ...]
     missing: tuple[str, ...]
+    """What the bag does not hold, and what could not be said for that."""
 
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
@@ -322,6 +306,5 @@ def _energised_s(run: RunSeries, channel: str) -> float | None:
 
 
 def _first_time(series: Series, condition: np.ndarray[Any, np.dtype[np.bool_]]) -> float | None:
-    """Return the time of the first sample that meets a condition."""
     where = np.flatnonzero(condition)
     return float(series.time_s[where[0]]) if len(where) else None

@@ -10,7 +10,6 @@ import enum
 import importlib
 import re
 import sys
-import textwrap
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -30,8 +29,7 @@ from jammkle_common.names import (
     VIEWER_NODE,
     resolved,
 )
-from jammkle_common.parameters import ParameterError, from_mapping, of_table, rows
-from jammkle_sim.robots.options import RobotOptions
+from jammkle_common.parameters import ParameterError, from_mapping, of_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -56,30 +54,25 @@ class Robot(enum.Enum):
 
 @dataclass(frozen=True)
 class NodeEntry:
-    """One node: where its code is, its name on the graph, its parameter table, and when it is started.
-
-    Attributes:
-        package: The ROS package.
-        name: Name on the graph, inside the namespace.
-        parameter_table: `module:Class` of the node's parameters.
-        follows_simulated_time: True if the node runs on /clock while the hardware is simulated.
-        simulates: True if the node is the simulated hardware, and so only started with it.
-        looks_on: True if the ankle is the same without the node, so that its death stops nothing.
-        module: What `python -m` starts; empty: the Python package of the same name as the ROS package.
-        executable: Name for `ros2 run` and launch files; empty: that on the graph.
-        within: Namespace below the graph's own: that of the node's ankle, where there are several.
-
-    """
+    """One node: where its code is, its name on the graph, its parameter table, and when it is started."""
 
     package: str
     name: str
+    """Name on the graph, inside the namespace."""
     parameter_table: str
+    """`module:Class` of the node's parameters."""
     follows_simulated_time: bool = False
+    """True if the node runs on /clock while the hardware is simulated."""
     simulates: bool = False
+    """True if the node is the simulated hardware, and so only started with it."""
     looks_on: bool = False
+    """True if the ankle is the same without the node, so that its death stops nothing."""
     module: str = ""
+    """What `python -m` starts; empty: the Python package of the same name as the ROS package."""
     executable: str = ""
+    """Name for `ros2 run` and launch files; empty: that on the graph."""
     within: str = ""
+    """Namespace below the graph's own: that of the node's ankle, where there are several."""
 
     @property
     def path(self) -> str:
@@ -124,11 +117,6 @@ AS_BUILT = (
     (DRIVER_NODE, "reservoir_volume_m3", "reservoir_volume_m3"),
 )
 """What nodes must know of how a robot is built: node, its parameter, and the option of the robot that says it."""
-ROBOT_VALUES: dict[str, dict[str, ParameterValue]] = {
-    node: {name: getattr(RobotOptions(), option) for each, name, option in AS_BUILT if each == node}
-    for node in dict.fromkeys(node for node, *_ in AS_BUILT)
-}
-"""What fits our robots as they stand better than the default of a node."""
 
 GAP_MONITOR = NodeEntry(
     "jammkle_gap",
@@ -212,15 +200,7 @@ def command_of(
     values: dict[str, ParameterValue],
     parameter_files: tuple[str, ...] = (),
 ) -> tuple[str, ...]:
-    """Return the command that starts a node in a normalised namespace.
-
-    Args:
-        entry: The node.
-        namespace: Normalised namespace of the graph.
-        values: Parameters that win over the files.
-        parameter_files: YAML files, the last one wins.
-
-    """
+    """Return the command that starts a node in a normalised namespace; values win over files, the last over all."""
     full = resolved(namespace, entry.within) if entry.within else namespace
     arguments = ["-r", f"__ns:={full}"]
     for file in parameter_files:
@@ -244,9 +224,6 @@ Value = TypeVar("Value")
 
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
-_COMMENT = textwrap.TextWrapper(
-    119, initial_indent="    # ", subsequent_indent="    # ", break_long_words=False, break_on_hyphens=False
-)
 
 
 class _RosLoader(yaml.SafeLoader):
@@ -264,13 +241,9 @@ def check_parameter_files(
     nodes: Sequence[NodeEntry],
     values: Mapping[str, Mapping[str, object]] | None = None,
 ) -> None:
-    """Check ROS parameter files against the nodes they are for.
+    """Check ROS parameter files, the last of which wins, against the nodes that will run in a normalised namespace.
 
-    Args:
-        paths: The files; the last one wins.
-        namespace: Normalised namespace in which the nodes will run.
-        nodes: The nodes that will be started.
-        values: Parameters that win over the files, by node name or path; see `values_of`.
+    Values, by node name or path as in `values_of`, win over the files.
 
     Raises:
         InputError: a file cannot be read or names a node that is not there, or a node's parameters hold an unknown
@@ -312,11 +285,7 @@ def assignment(text: str) -> tuple[str, str, ParameterValue]:
 
 
 def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
-    """Return name and value of `NAME:=VALUE`, the value read as in a parameter file.
-
-    Args:
-        text: Name and value.
-        typed: What was typed behind -p, for the error.
+    """Return name and value of `NAME:=VALUE`, read as in a parameter file; `typed` is all that was typed behind -p.
 
     Raises:
         InputError: it has another form, or the value is not a single one.
@@ -357,35 +326,7 @@ def merged_values(
     return {**merged, **values_of(values or {}, entry)}
 
 
-def parameter_file_text(nodes: Sequence[NodeEntry], values: Mapping[str, Mapping[str, object]] | None = None) -> str:
-    """Return a parameter file that holds every parameter of the nodes, described, with its default.
-
-    Args:
-        nodes: The nodes.
-        values: What stands there instead of a default, by node name and parameter.
-
-    """
-    lines = [
-        "# Every parameter with its default, made from the nodes' tables. Copy it, keep what you change,",
-        "# and give it to the graph: jammkle up --params FILE",
-    ]
-    for entry in nodes:
-        lines += ["", f"/**/{entry.name}:", f"  {_PARAMETERS_KEY}:"]
-        for row in rows(entry.parameters()):
-            about = row.description if not row.unit else f"{row.description} [{row.unit}]"
-            limits = f" ({row.range_text})" if row.range_text else ""
-            lines += _COMMENT.wrap(about + limits)
-            lines.append(f"    {row.name}: {_scalar((values or {}).get(entry.name, {}).get(row.name, row.default))}")
-    return "\n".join(lines) + "\n"
-
-
-def _scalar(value: object) -> str:
-    # PyYAML writes a float so that YAML 1.1 reads one: 6.0e-06, for 6e-06 would be text.
-    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
-
-
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
-    """Return patterns of node names and their parameters, as they stand in a file."""
     try:
         document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
     except OSError as error:

@@ -167,7 +167,6 @@ def _steps(axes: Axes, series: Series, end_s: float, factor: float, colour: str)
 
 
 def _until(series: Series, end_s: float) -> tuple[list[float], list[float]]:
-    """Return times and values of what holds until it changes, and the last until an end."""
     return [*series.time_s, max(end_s, series.time_s[-1])], [*series.values, series.values[-1]]
 
 

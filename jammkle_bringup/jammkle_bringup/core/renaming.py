@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader
+    from jammkle_common.bags.storage import Connection
 
 KNOWN_JOINTS: tuple[str, ...] = (*ANKLE_JOINTS, *LEG_JOINTS, CARRIAGE_JOINT)
 _WORD = re.compile(r"[^\s=,]+")
@@ -154,7 +155,7 @@ def rename(
             msg = f"bag {bag} has no joint {' or '.join(joints.new)} in its joint states"
             raise InputError(msg)
         with contextlib.closing(open_file(path)) as file:
-            write_metadata(target, metadata_of({path.name: file}, reader.custom_data, ""))
+            write_metadata(target, metadata_of({path.name: file}, reader.custom_data))
         return count, changed
 
 

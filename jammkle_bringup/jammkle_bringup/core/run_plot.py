@@ -106,13 +106,9 @@ class RunPicture:
 def run_picture(
     path: Path, namespace: str | None, on_progress: Callable[[float], None], stop: Callable[[], bool]
 ) -> RunPicture:
-    """Read a bag once, and return its picture.
+    """Read a bag once, and return the picture of the ankle in a normalised namespace; None: of the only one.
 
-    Args:
-        path: The bag.
-        namespace: Normalised namespace of the ankle; None: the only one that is there.
-        on_progress: Called now and then with the share that was read, 0 to 1.
-        stop: Asked now and then.
+    The share that was read, 0 to 1, is told now and then, and it is asked whether to stop.
 
     Raises:
         InputError: it cannot be read, holds nothing of an ankle, or several ankles and none is chosen.

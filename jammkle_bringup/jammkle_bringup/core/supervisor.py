@@ -106,8 +106,6 @@ class _CoreTime:
 
 
 class _Child:
-    """A running process and the thread that reads what it says."""
-
     def __init__(self, spec: ChildSpec, on_line: Callable[[str, str], None], *, held: bool) -> None:
         self.spec = spec
         command = processes.held(spec.command) if held else spec.command

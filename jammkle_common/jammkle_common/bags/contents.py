@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Qos
 
-    from jammkle_common.bags.storage import BagFile, StoredChannel
+    from jammkle_common.bags.storage import BagFile, Connection
 
 SUFFIX = ".mcap"
 """Of the files that a recorder of ours writes, and that can be completed."""
@@ -36,28 +36,24 @@ COMPRESSED = ".zstd"
 
 @dataclass(frozen=True)
 class Contents:
-    """Files and metadata of a bag.
-
-    Attributes:
-        bag: As it was given: a folder, or one file.
-        files: What is to be read, in the order of their names.
-        missing: Names of files that the metadata name and that are not there.
-        unnamed: Files that are there, of a bag whose metadata do not name them.
-        counted: Messages that the metadata count; None where there are no metadata, or none that can be read.
-        custom_data: What the recorder added, without the mark of an unfinished bag.
-        unfinished: Whether it bears that mark.
-        unreadable: Why the metadata cannot be read; empty otherwise.
-
-    """
+    """Files and metadata of a bag."""
 
     bag: Path
+    """As it was given: a folder, or one file."""
     files: tuple[Path, ...]
+    """What is to be read, in the order of their names."""
     missing: tuple[str, ...] = ()
+    """Names of files that the metadata name and that are not there."""
     unnamed: tuple[Path, ...] = ()
+    """Files that are there, of a bag whose metadata do not name them."""
     counted: int | None = None
+    """Messages that the metadata count; None where there are no metadata, or none that can be read."""
     custom_data: dict[str, str] = field(default_factory=dict)
+    """What the recorder added, without the mark of an unfinished bag."""
     unfinished: bool = False
+    """Whether it bears that mark."""
     unreadable: str = ""
+    """Why the metadata cannot be read; empty otherwise."""
 
 
 def contents_of(bag: Path) -> Contents:
@@ -162,14 +158,7 @@ def _has_ending(path: Path) -> bool:
 
 
 def checked_count(contents: Contents, count: int) -> str:
-    """Compare what the files of a bag hold with what its metadata say.
-
-    Args:
-        contents: The bag.
-        count: Messages in its files.
-
-    Returns:
-        What is worth a word, empty if nothing is.
+    """Compare what the files of a bag hold with what its metadata say; return what is worth a word, empty if nothing.
 
     Raises:
         InputError: messages are missing.
@@ -248,23 +237,6 @@ _NO_TIME_NS = 2**63 - 1
 _TOP = "rosbag2_bagfile_information"
 
 
-def metadata_begun(file_name: str, custom_data: Mapping[str, str]) -> str:
-    """Return the metadata of a bag that is being recorded: which file, and that it is not finished."""
-    return _metadata_text({file_name: None}, {**custom_data, UNFINISHED: "its recorder has not completed it"}, "")
-
-
-def metadata_of(files: Mapping[str, BagFile], custom_data: Mapping[str, str], compression: str) -> str:
-    """Return the metadata of a bag from its files.
-
-    Args:
-        files: By name, open.
-        custom_data: What its recorder added.
-        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
-
-    """
-    return _metadata_text(files, custom_data, compression)
-
-
 def read_metadata(folder: Path) -> dict[str, Any]:
     """Return what the metadata of a bag say.
 
@@ -299,7 +271,15 @@ def write_metadata(folder: Path, text: str) -> None:
         raise
 
 
-def _metadata_text(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str) -> str:
+def metadata_of(files: Mapping[str, BagFile | None], custom_data: Mapping[str, str], compression: str = "") -> str:
+    """Return the metadata of a bag from its files.
+
+    Args:
+        files: By name, open; None: it is being recorded.
+        custom_data: What its recorder added.
+        compression: `FILE` or `MESSAGE` where each of them is compressed by itself (Zstandard), else empty.
+
+    """
     there = {name: file for name, file in files.items() if file is not None}
     filled = [each for each in there.values() if _message_count(each)]
     first_ns = min((each.first_ns for each in filled), default=_NO_TIME_NS)
@@ -336,7 +316,7 @@ def profiles(text: str) -> list[Qos]:
 
 
 def _message_count(file: BagFile) -> int:
-    return sum(channel.message_count for channel in file.channels)
+    return sum(channel.msgcount for channel in file.channels)
 
 
 def _time_span(first_ns: int, last_ns: int) -> dict[str, Any]:
@@ -350,26 +330,26 @@ def _topic_entries(files: Iterable[BagFile]) -> list[dict[str, Any]]:
     found: dict[tuple[str, str, str], dict[str, Any]] = {}
     for channel in (each for file in files for each in file.channels):
         topic = found.setdefault(
-            (channel.topic, channel.message_type, channel.qos),
+            (channel.topic, channel.msgtype, channel.offered),
             {
                 "topic_metadata": {
                     "name": channel.topic,
-                    "type": channel.message_type,
+                    "type": channel.msgtype,
                     "serialization_format": channel.encoding,
-                    "offered_qos_profiles": dump_qos_v9(profiles(channel.qos)),
-                    "type_description_hash": channel.type_hash or _type_hash(channel),
+                    "offered_qos_profiles": dump_qos_v9(profiles(channel.offered)),
+                    "type_description_hash": channel.digest or _type_hash(channel),
                 },
                 "message_count": 0,
             },
         )
-        topic["message_count"] += channel.message_count
+        topic["message_count"] += channel.msgcount
     return list(found.values())
 
 
-def _type_hash(channel: StoredChannel) -> str:
+def _type_hash(channel: Connection) -> str:
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(channel.definition.decode(), channel.message_type))
-        return store.hash_rihs01(channel.message_type)
+        store.register(get_types_from_msg(channel.definition.decode(), channel.msgtype))
+        return store.hash_rihs01(channel.msgtype)
     except Exception:  # noqa: BLE001 - a definition of another language, or a broken one: the hash may be empty
         return ""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from jammkle_common.bags.storage import StoredChannel
+    from jammkle_common.bags.storage import Connection
 
 _SEPARATOR = "=" * 80 + "\n"
 _PARTS = 3
@@ -90,7 +90,7 @@ class MessageDefinitions:
             if text is None:
                 text = self._standard(name).text.partition(_SEPARATOR)[0]
             texts[name] = text
-            pending += sorted(_types_inside(name, text))
+            pending += sorted(set(_types_in_fields(get_types_from_msg(text, name)[name])))
         return texts
 
     def _text(self, message_type: str) -> str | None:
@@ -127,24 +127,6 @@ def _assembled(message_type: str, texts: dict[str, str]) -> MessageDefinition:
     return MessageDefinition(text, store.hash_rihs01(message_type))
 
 
-def _types_inside(name: str, text: str) -> set[str]:
-    """Return the names of the message types that the fields of one definition have."""
-    _, fields = get_types_from_msg(text, name)[name]
-    return {inner for _, field in fields for inner in _names_in(field)}
-
-
-def _names_in(field: object) -> set[str]:
-    """Return message names in a field description of the bag library: nested `(kind, argument)` pairs."""
-    names: set[str] = set()
-    if isinstance(field, tuple):
-        for part in field:
-            if isinstance(part, str) and part.count("/") == _PARTS - 1:
-                names.add(part)
-            else:
-                names |= _names_in(part)
-    return names
-
-
 _IDL_LANGUAGES = ("ros2idl", "omgidl")
 
 
@@ -162,14 +144,14 @@ class KnownTypes:
         self._installed = MessageDefinitions(share_folders())
         self._seen: set[tuple[str, bytes]] = set()
 
-    def add(self, channel: StoredChannel) -> None:
+    def add(self, channel: Connection) -> None:
         """Make the type of a channel known, with all that it is made of.
 
         Raises:
             UndecodableError: a definition is missing or broken, or another channel has another type of that name.
 
         """
-        name = channel.message_type
+        name = channel.msgtype
         if (name, channel.definition) in self._seen:
             return
         if not name:
@@ -188,26 +170,25 @@ class KnownTypes:
             raise UndecodableError(msg) from error
         self._seen.add((name, channel.definition))
 
-    def _defined(self, channel: StoredChannel) -> dict[str, Any]:
-        """Return what the definition of a channel holds."""
-        if not channel.definition.strip() and channel.message_type not in self._store.fielddefs:
+    def _defined(self, channel: Connection) -> dict[str, Any]:
+        if not channel.definition.strip() and channel.msgtype not in self._store.fielddefs:
             return {}
         try:
             text = channel.definition.decode()
             if channel.language in _IDL_LANGUAGES:
                 return _from_idl(text)
             if text.strip():
-                return dict(get_types_from_msg(text, channel.message_type))
+                return dict(get_types_from_msg(text, channel.msgtype))
         except Exception as error:
-            msg = f"the definition of its type {channel.message_type} cannot be read: {_line(error)}"
+            msg = f"the definition of its type {channel.msgtype} cannot be read: {_line(error)}"
             raise UndecodableError(msg) from error
         return {}
 
-    def differs(self, channel: StoredChannel) -> bool:
+    def differs(self, channel: Connection) -> bool:
         """Return whether a channel defines its type otherwise than ROS 2 Jazzy does, which knows it."""
-        usual = self._jazzy.fielddefs.get(channel.message_type)
+        usual = self._jazzy.fielddefs.get(channel.msgtype)
         try:
-            own = self._defined(channel).get(channel.message_type)
+            own = self._defined(channel).get(channel.msgtype)
         except UndecodableError:
             return False
         return usual is not None and own is not None and usual[1] != own[1]
@@ -227,7 +208,6 @@ class KnownTypes:
         return used
 
     def _elsewhere(self, name: str, wanted: str) -> dict[str, Any]:
-        """Return a type that the bag does not define."""
         for store in (self._store, self._jazzy):
             if name in store.fielddefs:
                 return {name: store.fielddefs[name]}
@@ -309,11 +289,7 @@ class Serialiser:
         self._store = get_typestore(Stores.EMPTY)
 
     def serialised(self, message_type: str, message: Any) -> bytes:
-        """Return a message as CDR, little endian.
-
-        Args:
-            message_type: `package/msg/Name`.
-            message: Anything with the attributes that the type names.
+        """Return a message of `package/msg/Name`, anything with its attributes, as CDR, little endian.
 
         Raises:
             InputError: the type's definition cannot be found.
@@ -325,7 +301,6 @@ class Serialiser:
         return bytes(self._store.serialize_cdr(self._plain(message_type, message), message_type))
 
     def _plain(self, message_type: str, message: Any) -> Any:
-        """Return a message in the classes of the bag library."""
         _, fields = self._store.fielddefs[message_type]
         values = [self._value(kind, getattr(message, name)) for name, kind in fields]
         return self._store.types[message_type](*values)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ from jammkle_common.bags.contents import (
     check_finished,
     checked_count,
     contents_of,
-    profiles,
 )
 from jammkle_common.bags.definitions import KnownTypes, UndecodableError
 from jammkle_common.bags.storage import ZSTD, begins_with, decompressed, merged, open_file, plain_data
@@ -27,46 +25,10 @@ from jammkle_common.names import TOPICS
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
 
-    from rosbags.interfaces import Qos
-
     from jammkle_common.bags.contents import Contents
-    from jammkle_common.bags.storage import BagFile, StoredChannel
+    from jammkle_common.bags.storage import BagFile, Connection
 
 _OURS = {topic.name: topic.message_type for topic in TOPICS}
-
-
-@dataclass(frozen=True)
-class Connection:
-    """What a bag holds of one topic in one type, in all its files. How it was offered is a hint, and no part of it.
-
-    Attributes:
-        id: Its number in the bag.
-        topic: Absolute name.
-        msgtype: `package/msg/Name`; empty where the bag names none.
-        encoding: Of its messages; `cdr` is what can be decoded.
-        language: Of the definition, `ros2msg`, `ros2idl` or another.
-        definition: Its text, as it stands in the bag.
-        digest: Hash of the type, as it stands in the bag.
-        offered: QoS of its publishers, as YAML.
-        msgcount: Messages.
-        why_left_out: Why its messages cannot be decoded; empty where they can.
-
-    """
-
-    id: int
-    topic: str
-    msgtype: str
-    encoding: str
-    language: str
-    definition: bytes
-    digest: str
-    offered: str
-    msgcount: int
-    why_left_out: str = ""
-
-    def profiles(self) -> list[Qos]:
-        """Return how it was offered, as far as that can be read."""
-        return profiles(self.offered)
 
 
 class BagReader:
@@ -97,15 +59,19 @@ class BagReader:
         channels = [(place, channel) for place, file in enumerate(files) for channel in file.channels]
         # Of two definitions of one type the usual one is taken.
         for place, channel in sorted(channels, key=lambda each: types.differs(each[1])):
-            key = (channel.topic, channel.message_type, channel.encoding, channel.definition)
+            key = (channel.topic, channel.msgtype, channel.encoding, channel.definition)
             before = known.get(key)
-            known[key] = _connection(len(known), channel, types) if before is None else _more(before, channel)
-            self._places[place][channel.key] = known[key].id
+            if before is None:
+                known[key] = channel._replace(id=len(known), why_left_out=_why_left_out(channel, types))
+            else:
+                offered = before.offered or channel.offered
+                known[key] = before._replace(msgcount=before.msgcount + channel.msgcount, offered=offered)
+            self._places[place][channel.id] = known[key].id
         self.every = list(known.values())
         self.connections = [each for each in self.every if not each.why_left_out]
         self.left_out = [each for each in self.every if each.why_left_out]
         self.message_count = sum(each.msgcount for each in self.connections)
-        filled = [file for file in files if any(each.message_count for each in file.channels)]
+        filled = [file for file in files if any(each.msgcount for each in file.channels)]
         self.start_time = min((file.first_ns for file in filled), default=0)
         self.end_time = max((file.last_ns for file in filled), default=0)
         said = checked_count(contents, sum(each.msgcount for each in self.every))
@@ -158,29 +124,15 @@ class BagReader:
         return bytes(self.typestore.serialize_cdr(message, message_type))
 
 
-def _connection(number: int, channel: StoredChannel, types: KnownTypes) -> Connection:
-    why = "" if channel.encoding == "cdr" else f"its messages are '{channel.encoding}' and not CDR"
-    if not why:
-        try:
-            types.add(channel)
-        except UndecodableError as error:
-            why = str(error)
-    return Connection(
-        number,
-        channel.topic,
-        channel.message_type,
-        channel.encoding,
-        channel.language,
-        channel.definition,
-        channel.type_hash,
-        channel.qos,
-        channel.message_count,
-        why,
-    )
-
-
-def _more(known: Connection, channel: StoredChannel) -> Connection:
-    return replace(known, msgcount=known.msgcount + channel.message_count, offered=known.offered or channel.qos)
+def _why_left_out(channel: Connection, types: KnownTypes) -> str:
+    """Make the type of a channel known; return why its messages cannot be decoded."""
+    if channel.encoding != "cdr":
+        return f"its messages are '{channel.encoding}' and not CDR"
+    try:
+        types.add(channel)
+    except UndecodableError as error:
+        return str(error)
+    return ""
 
 
 def name_of(bag: Path) -> str:
@@ -192,12 +144,8 @@ def name_of(bag: Path) -> str:
 def opened(path: Path, *, quietly: bool = False) -> Iterator[BagReader]:
     """Open a bag folder or a single bag file for reading.
 
-    What is left out of it is said on stderr, once. Types without a definition in it are those of ROS 2 Jazzy, and those
-    that are installed.
-
-    Args:
-        path: The bag.
-        quietly: Say nothing.
+    What is left out of it is said on stderr, once, unless quietly. Types without a definition in it are those of ROS 2
+    Jazzy, and those that are installed.
 
     Raises:
         InputError: there is no bag, it cannot be read, or it is not whole.

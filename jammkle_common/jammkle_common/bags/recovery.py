@@ -47,30 +47,25 @@ _PROGRESS_MESSAGES = 10_000
 
 @dataclass(frozen=True)
 class Recovered:
-    """What a recovery found and did.
-
-    Attributes:
-        bag: The bag that is whole now.
-        was_whole: Whether there was nothing to do.
-        messages: In the bag.
-        duration_s: From the first to the last log time.
-        data_duration_s: By the clock of the messages; differs where log times lie apart, or the log has another clock.
-        torn_bytes: Cut off at the ends of its files: what was not written as a whole.
-        given_up: Messages at the end that were given up, as there was no room for the ending.
-        missing: Files of it that are lost: named by its metadata and not there, or without anything in them.
-        lacking: Messages that its metadata counted and that are not there.
-
-    """
+    """What a recovery found and did."""
 
     bag: Path
+    """The bag that is whole now."""
     was_whole: bool
+    """Whether there was nothing to do."""
     messages: int
     duration_s: float
+    """From the first to the last log time."""
     data_duration_s: float
+    """By the clock of the messages; differs where log times lie apart, or the log has another clock."""
     torn_bytes: int
+    """Cut off at the ends of its files: what was not written as a whole."""
     given_up: int
+    """Messages at the end that were given up, as there was no room for the ending."""
     missing: tuple[str, ...] = ()
+    """Files of it that are lost: named by its metadata and not there, or without anything in them."""
     lacking: int = 0
+    """Messages that its metadata counted and that are not there."""
 
     def as_json(self) -> dict[str, Any]:
         """Return a mapping for JSON."""
@@ -187,7 +182,7 @@ def _needs_metadata(contents: Contents) -> bool:
     if contents.missing or contents.unnamed or contents.unfinished or contents.counted is None:
         return True
     with contextlib.ExitStack() as stack:
-        counted = (each.message_count for file in open_files(contents, stack) for each in file.channels)
+        counted = (each.msgcount for file in open_files(contents, stack) for each in file.channels)
         return contents.counted != sum(counted)
 
 
@@ -249,12 +244,11 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
     """Return what the metadata say of the compression of a bag, by what its files are."""
     if any(name.endswith(COMPRESSED) for name in names):
         return "FILE"
-    keys = [{channel.key for channel in file.channels} for file in files]
+    keys = [{channel.id for channel in file.channels} for file in files]
     first = next(merged(files, keys), None)
     return "MESSAGE" if first is not None and first[-1].startswith(ZSTD) else ""
 
 
-MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQ")  # channel, sequence, log time; publish time and data follow
 _KNOWN = {int(each) for each in Opcode}
@@ -274,24 +268,17 @@ class WrittenChunk:
 
 @dataclass
 class DataSection:
-    """What an MCAP file holds, up to its ending.
+    """What an MCAP file holds, up to its ending."""
 
-    Attributes:
-        end: Offset after the last whole record.
-        size: Bytes of the file.
-        whole: Whether the file has its ending.
-        schemas: By their number.
-        channels: By their number.
-        chunks: In the order of the file.
-
-    """
-
-    end: int = len(MAGIC)
+    end: int = len(MCAP)
+    """Offset after the last whole record."""
     size: int = 0
     whole: bool = False
+    """Whether the file has its ending."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[WrittenChunk] = field(default_factory=list)
+    """In the order of the file."""
 
     def counts(self) -> Counter[int]:
         """Return the messages of each channel."""
@@ -315,11 +302,7 @@ class DataSection:
 
 
 def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSection:
-    """Read a file up to its ending, or up to where it was torn off.
-
-    Args:
-        stream: The file, open for reading.
-        on_progress: Called with the share that was read, 0 to 1.
+    """Read an open file up to its ending, or up to where it was torn off; tell the share that was read, 0 to 1.
 
     Raises:
         NoMcapError: no MCAP file, not in chunks, or damaged before its last record.
@@ -327,14 +310,14 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
     """
     section = DataSection(size=stream.seek(0, 2))
     stream.seek(0)
-    if stream.read(len(MAGIC)) != MAGIC:
+    if stream.read(len(MCAP)) != MCAP:
         msg = "it is no MCAP file"
         raise NoMcapError(msg)
     for opcode, body in _records(stream, section):
         start = section.end
         if opcode == Opcode.DATA_END:
-            stream.seek(-len(MAGIC), 2)
-            section.whole = stream.read() == MAGIC
+            stream.seek(-len(MCAP), 2)
+            section.whole = stream.read() == MCAP
             break
         try:
             _take(section, opcode, body, start)
@@ -422,9 +405,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 def complete(stream: BinaryIO, section: DataSection) -> int:
     """Cut off what is torn and write the ending; chunks are given up, the last one first, where there is no room.
 
-    Args:
-        stream: The file, open for reading and writing, without a buffer.
-        section: What it holds; brought up to date.
+    The file is open for reading and writing, without a buffer; the section is brought up to date.
 
     Returns:
         How many messages were given up for want of room.
@@ -511,7 +492,7 @@ def _ending(section: DataSection, begin: int) -> bytes:
     for offset in offsets:
         offset.write(builder)
     Footer(summary_start=summary_start, summary_offset_start=summary_offset_start, summary_crc=0).write(builder)
-    return _built(builder) + MAGIC
+    return _built(builder) + MCAP
 
 
 def _built(builder: Any) -> bytes:

@@ -11,7 +11,6 @@ is a short file, `run.yaml`, in the folder of the bag, or beside it for all bags
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -43,21 +42,13 @@ class RunSheet:
     options: Mapping[str, Any] = field(default_factory=dict)
     """How that was set, SI, by the names of the rig's options; those not named are not known."""
 
-    def with_options(self, options: Mapping[str, Any]) -> RunSheet:
-        """Return the same with options that go before its own."""
-        return dataclasses.replace(self, options={**self.options, **options})
-
     def as_mapping(self) -> dict[str, Any]:
         """Return what is written into a bag or a file."""
         return {"rig": self.rig, "options": dict(self.options)}
 
 
 def read_text(text: str, source: str) -> RunSheet:
-    """Read a run sheet, whatever else the text holds.
-
-    Args:
-        text: YAML, as in `sim_parameters` or in the file.
-        source: What it is from, for the error.
+    """Read a run sheet from YAML, whatever else it holds; `source` is what it is from, for the error.
 
     Raises:
         InputError: it is not YAML, or rig or options are not what they must be.

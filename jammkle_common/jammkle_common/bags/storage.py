@@ -37,37 +37,34 @@ _WORDS_OF_A_TYPE = 3
 _HEADER = "std_msgs/msg/Header"
 
 
-class StoredChannel(NamedTuple):
-    """A channel as a file holds it.
+class Connection(NamedTuple):
+    """What a file, or a whole bag, holds of one topic in one type. How it was offered is a hint, and no part of it."""
 
-    Attributes:
-        key: Its number in the file.
-        topic: Absolute name.
-        message_type: `package/msg/Name`; empty where the file names none.
-        encoding: Of its messages: `cdr` is what can be decoded.
-        language: Of the definition: `ros2msg`, `ros2idl`, or whatever else the file says.
-        definition: Text of the definition; empty where the file holds none.
-        qos: Profiles that were offered, as YAML; empty where the file holds none.
-        type_hash: As the file says, or empty.
-        message_count: Of this channel.
-
-    """
-
-    key: int
+    id: int
+    """Its number there."""
     topic: str
-    message_type: str
+    """Absolute name."""
+    msgtype: str
+    """`package/msg/Name`; empty where none is named."""
     encoding: str
+    """Of its messages: `cdr` is what can be decoded."""
     language: str
+    """Of the definition: `ros2msg`, `ros2idl`, or whatever else the file says."""
     definition: bytes
-    qos: str
-    type_hash: str
-    message_count: int
+    """Its text, as it stands there; empty where there is none."""
+    offered: str
+    """QoS of its publishers, as YAML; empty where the file holds none."""
+    digest: str
+    """Hash of the type, as the file says, or empty."""
+    msgcount: int
+    why_left_out: str = ""
+    """Why its messages cannot be decoded; empty where they can."""
 
 
 class BagFile(Protocol):
     """An open file. `first_ns` and `last_ns` are its log times, zero without messages."""
 
-    channels: list[StoredChannel]
+    channels: list[Connection]
     first_ns: int
     last_ns: int
 
@@ -196,10 +193,10 @@ class _Mcap:
         self._stream.close()
 
 
-def _channel(channel: Channel, schema: Schema | None, count: int) -> StoredChannel:
+def _channel(channel: Channel, schema: Schema | None, count: int) -> Connection:
     name = "" if schema is None else schema.name
     parts = name.split("/")
-    return StoredChannel(
+    return Connection(
         channel.id,
         channel.topic,
         f"{parts[0]}/msg/{parts[1]}" if len(parts) == _WORDS_OF_A_TYPE - 1 else name,
@@ -240,7 +237,7 @@ class _Sqlite:
         type_hash = "type_description_hash" if "type_description_hash" in known else "''"
         rows = self._base.execute(f"SELECT id, name, type, serialization_format, {qos}, {type_hash} FROM topics")  # noqa: S608 - of two words above
         self.channels = [
-            StoredChannel(key, topic, kind, encoding, *texts.get(kind, ("", b"")), qos, digest, counts.get(key, 0))
+            Connection(key, topic, kind, encoding, *texts.get(kind, ("", b"")), qos, digest, counts.get(key, 0))
             for key, topic, kind, encoding, qos, digest in rows
         ]
         first, last = self._base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
@@ -279,9 +276,7 @@ class _Ros1:
             self._store.register(types)
             text = self._store.generate_msgdef(each.msgtype, ros_version=2)[0].encode()
             count = sum(chunk.connection_counts.get(each.id, 0) for chunk in self._reader.chunk_infos)
-            self.channels.append(
-                StoredChannel(each.id, each.topic, each.msgtype, "cdr", "ros2msg", text, "", "", count)
-            )
+            self.channels.append(Connection(each.id, each.topic, each.msgtype, "cdr", "ros2msg", text, "", "", count))
         filled = self._reader.message_count > 0
         self.first_ns, self.last_ns = (self._reader.start_time, self._reader.end_time) if filled else (0, 0)
 

@@ -27,7 +27,8 @@ from jammkle_common.names import CLOCK
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader
+    from jammkle_common.bags.storage import Connection
 
 _BEGINS_WITH_TIME = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 _WITHOUT_STAMP_NOW = "trajectory_msgs/msg/JointTrajectory"

@@ -13,8 +13,9 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 
 from jammkle_common.bags.contents import (
     METADATA_VERSION,
+    UNFINISHED,
     lock,
-    metadata_begun,
+    metadata_of,
     write_metadata,
 )
 from jammkle_common.bags.recovery import recover
@@ -35,8 +36,6 @@ FLUSH_PERIOD_S = 0.5
 
 @dataclass
 class _Topic:
-    """What the log knows of one topic."""
-
     message_type: str
     offered: Callable[[], Sequence[Qos]]
     connection: Connection | None = None
@@ -60,10 +59,6 @@ class BagLog:
     def __init__(self, path: Path, definitions: MessageDefinitions) -> None:
         """Create the bag.
 
-        Args:
-            path: Folder of the bag; it must not exist.
-            definitions: Where message definitions come from.
-
         Raises:
             InputError: the path exists, or cannot be made.
 
@@ -83,12 +78,9 @@ class BagLog:
             raise InputError(msg) from error
 
     def add_topic(self, topic: str, message_type: str, offered: Callable[[], Sequence[Qos]]) -> None:
-        """Make a topic known. It appears in the bag with its first message.
+        """Make a topic of type `package/msg/Name` known. It appears in the bag with its first message.
 
-        Args:
-            topic: Absolute name.
-            message_type: `package/msg/Name`.
-            offered: Returns the QoS profiles of its publishers; asked at its first message.
+        What its publishers offer is asked for then.
 
         Raises:
             InputError: the type's definition cannot be found.
@@ -98,12 +90,7 @@ class BagLog:
         self._topics.setdefault(topic, _Topic(message_type, offered))
 
     def write(self, topic: str, data: bytes, log_ns: int) -> None:
-        """Write a message.
-
-        Args:
-            topic: Added before.
-            data: Serialised (CDR).
-            log_ns: Log time, ns.
+        """Write a serialised message (CDR) of a topic that was added, with its log time, ns.
 
         Raises:
             OSError: it cannot be written.
@@ -211,7 +198,8 @@ class BagLog:
             raise
 
     def _write_metadata(self) -> None:
-        write_metadata(self._path, metadata_begun(self._storage.path.name, self._writer.custom_data))
+        custom = {**self._writer.custom_data, UNFINISHED: "its recorder has not completed it"}
+        write_metadata(self._path, metadata_of({self._storage.path.name: None}, custom))
 
 
 def check_free(path: Path) -> None:

@@ -29,12 +29,7 @@ def entries(group: str) -> dict[str, EntryPoint]:
 
 
 def provided(group: str, name: str, package: str) -> Any:
-    """Return what a package brings along.
-
-    Args:
-        group: Of the entry point.
-        name: Of the entry point.
-        package: That brings it along, for the error.
+    """Return what an entry point stands for; `package` brings it along, for the error.
 
     Raises:
         InputError: the package is not installed.

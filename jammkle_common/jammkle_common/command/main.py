@@ -31,8 +31,6 @@ EXIT_INTERRUPTED = 130
 
 
 class _Verbs(TyperGroup):
-    """The verbs that the installed packages bring along."""
-
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
         """Return their names."""
         return list(entries(COMMANDS))
@@ -71,13 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run(command: typer.Typer, arguments: list[str] | None = None) -> int:
-    """Run a command line and return its exit code: 0 done, 1 failed, 2 bad input, 130 interrupted.
-
-    Args:
-        command: With its arguments and what they do.
-        arguments: Words after the program's name; None: those of this process.
-
-    """
+    """Run a command line, None: of this process; return 0 done, 1 failed, 2 bad input, 130 interrupted."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name of a file may be no text

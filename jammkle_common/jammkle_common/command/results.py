@@ -125,10 +125,7 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
 
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[float, str], None]]:
-    """Show a bar on stderr while the block runs; it is gone afterwards, and not there at all in a pipe.
-
-    Args:
-        title: What is done.
+    """Show a bar with a title on stderr while the block runs; it is gone afterwards, and not there at all in a pipe.
 
     Yields:
         A function to call with the share that is done, 0 to 1, and what is being done.

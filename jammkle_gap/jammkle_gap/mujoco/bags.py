@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from jammkle_common.bags.reading import BagReader, Connection
+    from jammkle_common.bags.reading import BagReader
+    from jammkle_common.bags.storage import Connection
     from jammkle_gap.mujoco.runs import RobotMap, Senses, Tracks
 
 _STATE = "sensor_msgs/msg/JointState"

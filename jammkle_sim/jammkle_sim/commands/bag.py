@@ -63,31 +63,19 @@ _OF_SIMULATION = (*OF_THE_WHOLE, DIAGNOSTICS)
 """What one simulation says for all of its ankles."""
 
 
-def write_bag(run: RigRun, path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
-    """Write every topic of a run, /clock after all else of its time, and the parameters as custom data.
+def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
+    """Write every topic of runs at the same time into one bag, /clock after all else of its time; parameters as data.
 
     Args:
-        run: The run. Its time zero is the bag's.
+        runs: By namespace of each ankle below `namespace`; a single one may be in that, under an empty name. Their time
+            zero is the bag's.
         path: Folder of the bag; it must not exist.
-        namespace: Normalised namespace of the ankle.
+        namespace: Normalised namespace of the robot.
         definitions: Where message definitions come from.
 
     Raises:
         InputError: the path exists or cannot be made.
-        NotFiniteError: the run holds NaN or infinity; the bag ends before it.
-
-    """
-    return write_bags({"": run}, path, namespace, definitions)
-
-
-def write_bags(runs: Mapping[str, RigRun], path: Path, namespace: str, definitions: MessageDefinitions) -> BagCounts:
-    """Write what several ankles of one robot measured in the same time into one bag; as `write_bag` otherwise.
-
-    Args:
-        runs: By namespace of each ankle below `namespace`; a single one may be in that, under an empty name.
-        path: As for `write_bag`.
-        namespace: Normalised namespace of the robot.
-        definitions: As for `write_bag`.
+        NotFiniteError: a run holds NaN or infinity; the bag ends before it.
 
     """
     log = BagLog(path, definitions)
@@ -150,12 +138,8 @@ Timed = tuple[int, int, Topic, Callable[[], Any]]
 def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator[tuple[int, Topic, Any]]:
     """Give every message of a run in the order of time, sensors before commands, without /clock.
 
-    A message may be filled anew for the next one: it must be used before the next is asked for.
-
-    Args:
-        run: The run.
-        namespace: Normalised namespace of the ankle, for the name that diagnostics carry.
-        robot_namespace: That of its robot, if it is another.
+    A message may be filled anew for the next one: it must be used before the next is asked for. Namespaces are those of
+    the ankle, for the name that diagnostics carry, and of its robot, if that is another.
 
     Yields:
         Time, ns since the start of the rig; topic; message, or the bytes of one.
@@ -229,7 +213,6 @@ def _tendon_health(broken: list[str]) -> Health:
 
 
 def _torn_times_s(run: RigRun) -> dict[str, float]:
-    """Return when each torn tendon tore, s, by its name."""
     if not run.broken:
         return {}
     series = run.topics[TENDON_STATES.name]
@@ -261,7 +244,6 @@ def _vector(row: dict[str, float], pattern: str) -> tuple[float, float, float]:
 
 
 def _joints(row: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """Return positions and rates by joint."""
     return _of_all(row, ".position"), _of_all(row, ".velocity")
 
 

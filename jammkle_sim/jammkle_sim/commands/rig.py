@@ -19,7 +19,7 @@ from jammkle_common.command.options import JsonOption, NamespaceOption
 from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.names import normalised
-from jammkle_sim.commands.bag import write_bag
+from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.commands.table import Option, command_of, errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig, save_mjcf, scattered
@@ -83,8 +83,6 @@ _COMMON: dict[str, Option] = {
 
 @dataclasses.dataclass(frozen=True)
 class _Done:
-    """One repeat."""
-
     run: RigRun
     bag: Path | None
     messages: int
@@ -97,13 +95,7 @@ def rig(arguments: list[str]) -> int:
 
 
 def rig_app(run: Callable[[str, dict[str, Any], Any], int]) -> typer.Typer:
-    """Return the command line of all rigs.
-
-    Args:
-        run: Gets the name of the rig, what was asked for beside its own options, by name, and those; returns the exit
-            code.
-
-    """
+    """Return the command line of all rigs; `run` gets a rig's name, the common options by name, and the rig's own."""
     app = typer.Typer(
         help="Run a rig without the graph, as fast as it can, and write a bag.",
         pretty_exceptions_enable=False,
@@ -145,7 +137,7 @@ def run_repeats(name: str, given: dict[str, Any], options: Any) -> int:
             messages = 0
             if bag is not None:
                 try:
-                    messages = write_bag(run, bag, namespace, definitions).messages
+                    messages = write_bags({"": run}, bag, namespace, definitions).messages
                 except NotFiniteError as error:
                     msg = f"rig {name}: {error}; {bag} ends before it"
                     raise GraphError(msg) from error

@@ -39,10 +39,6 @@ _RUN_SHARE = 0.5
 def robot(given: dict[str, Any], options: RobotOptions) -> int:
     """Check everything, run the robot, write its bag, and show the figures.
 
-    Args:
-        given: What was asked for, beside the robot's own options, by name.
-        options: Of the robot.
-
     Raises:
         InputError: something cannot be as asked for; nothing was written.
         GraphError: the simulation blew up.
@@ -115,11 +111,7 @@ def _show(name: str, runs: dict[str, RigRun]) -> None:
 
 
 def describe(given: dict[str, Any], options: RobotOptions) -> int:
-    """Print the URDF or the MJCF of a robot or of an ankle by itself.
-
-    Args:
-        given: What was asked for, beside the robot's own options, by name.
-        options: Of the robot; an ankle has none, and may be given the defaults alone.
+    """Print the URDF or the MJCF of a robot, or of an ankle by itself, which has no options.
 
     Raises:
         InputError: there is no such robot, or both descriptions are asked for.

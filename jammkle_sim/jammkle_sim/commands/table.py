@@ -28,13 +28,9 @@ REQUIRED = inspect.Parameter.empty
 def command_of(
     table: type[P], common: dict[str, Option], run: Callable[[dict[str, Any], P], int]
 ) -> Callable[..., int]:
-    """Return a function whose signature typer turns into options.
+    """Return a function whose signature typer turns into options: the common ones, then those of a table.
 
-    Args:
-        table: Dataclass of options; each becomes one.
-        common: Further options, in the order of the help, by name.
-        run: Gets the values of the common options by name, and the others as `table`; returns the exit code.
-
+    `run` gets the values of the common options by name, and the others as the table; it returns the exit code.
     """
     typed = {row.name: typed_row(row) for row in rows(table)}
     own = {

@@ -6,30 +6,14 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-
-class SteppedSimulation(Protocol):
-    """What the engine needs of the simulation that it drives."""
-
-    @property
-    def timestep_s(self) -> float:
-        """Length of one step, s; a whole number of nanoseconds."""
-
-    @property
-    def time_s(self) -> float:
-        """Simulated time since construction, s; never falls, not even in a reset."""
-
-    def advance(self, steps: int) -> None:
-        """Take steps."""
-
-    def reset(self) -> None:
-        """Restore the state and the noise seeds of the start."""
+    from jammkle_sim.rigs.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -45,20 +29,21 @@ class Engine:
 
     def __init__(
         self,
-        simulation: SteppedSimulation,
+        simulation: Simulation,
         periods: Mapping[Output, int],
-        control: RunControl,
         pacer: Pacer,
         now_s: Callable[[], float],
+        *,
+        start_paused: bool = False,
     ) -> None:
-        """Put the parts together.
+        """Put the parts together; time begins where the simulation stands.
 
         Args:
-            simulation: What is driven; time begins where it stands.
+            simulation: What is driven.
             periods: Steps between two of each output.
-            control: Run state; shared with whoever pauses, resumes and steps through this engine only.
             pacer: Pace.
             now_s: Real time, s, from a steady clock.
+            start_paused: Whether time stands until somebody resumes it.
 
         Raises:
             RateError: the time step is not a whole number of nanoseconds.
@@ -71,11 +56,17 @@ class Engine:
         """Simulated time at which the simulation was made."""
         self._first_step = self._step
         """At which the rig was last started: the schedule counts from there."""
-        self._control = control
-        self._pacer = pacer
+        self.state = RunState.PAUSED if start_paused else RunState.RUNNING
+        """What simulated time does."""
+        self.failure = ""
+        """Why the simulation failed, in one line; empty if it did not."""
+        self.begun = False
+        """Whether a step was taken."""
+        self.pacer = pacer
+        """The pace, to look at."""
+        self._steps_left = 0
         self._factor = RealTimeFactor()
         self._now_s = now_s
-        self._begun = False
         self._limit_ns: int | None = None
         self.restart_pace()
 
@@ -85,24 +76,14 @@ class Engine:
         return self._time_ns_at(self._step)
 
     @property
-    def begun(self) -> bool:
-        """True once a step was taken."""
-        return self._begun
-
-    @property
-    def control(self) -> RunControl:
-        """The run state, to look at."""
-        return self._control
-
-    @property
-    def pacer(self) -> Pacer:
-        """The pace, to look at."""
-        return self._pacer
+    def stands(self) -> bool:
+        """Whether simulated time stands still until somebody asks for something."""
+        return self.state in (RunState.PAUSED, RunState.FAILED)
 
     @property
     def real_time_factor(self) -> float:
         """Simulated seconds per real second; 0 while time stands still, NaN while too little has been measured."""
-        if self._control.state in (RunState.PAUSED, RunState.FAILED):
+        if self.stands:
             return 0.0
         return self._factor.value()
 
@@ -121,14 +102,13 @@ class Engine:
 
     def wait_s(self) -> float:
         """Real time, s, until `cycle` has something to do; infinite while time stands still."""
-        state = self._control.state
-        if state is RunState.STEPPING:
+        if self.state is RunState.STEPPING:
             return 0.0
-        if state is not RunState.RUNNING:
+        if self.stands:
             return float("inf")
         if self._limit_ns is not None:
             return 0.0 if self.next_output_ns() <= self._limit_ns else float("inf")
-        return self._pacer.wait_s(self._time_s_at(self._next_step()), self._now_s())
+        return self.pacer.wait_s(self._time_s_at(self._next_step()), self._now_s())
 
     def cycle(self) -> Tick | None:
         """Advance to the next due output if its time has come.
@@ -141,18 +121,20 @@ class Engine:
             return None
         target = self._next_step()
         now_s = self._now_s()
-        stepping = self._control.state is RunState.STEPPING
+        stepping = self.state is RunState.STEPPING
         if stepping:
-            target = min(target, self._step + self._control.steps_left)
+            target = min(target, self._step + self._steps_left)
         else:
-            self._pacer.begin(self._time_s_at(target), now_s)
+            self.pacer.begin(self._time_s_at(target), now_s)
         steps = target - self._step
         self._simulation.advance(steps)
-        self._begun = True
-        self._control.steps_taken(steps)
+        self.begun = True
+        if stepping:
+            self._steps_left -= steps
+            self.state = RunState.STEPPING if self._steps_left else RunState.PAUSED
         self._factor.note(self._time_s_at(target), now_s)
         outputs = self._schedule.due(target - self._first_step)
-        if stepping and self._control.state is RunState.PAUSED:
+        if self.state is RunState.PAUSED:
             # Who steps one by one wants to see the state after each; readings keep to their rates.
             outputs = tuple(output for output in Output if output in outputs or output in STATES)
         return Tick(self.time_ns, outputs)
@@ -166,51 +148,92 @@ class Engine:
         self.restart_pace()
 
     def pause(self) -> None:
-        """Stop simulated time; see RunControl.pause."""
-        self._control.pause()
+        """Stop simulated time; nothing changes if it stands already.
+
+        Raises:
+            RefusedError: steps are being taken, which ends in a pause anyway.
+
+        """
+        self._refuse_while_stepping("pause")
+        if self.state is RunState.RUNNING:
+            self.state = RunState.PAUSED
 
     def resume(self) -> None:
-        """Let simulated time run on from where it stands; see RunControl.resume."""
-        already_running = self._control.state is RunState.RUNNING
-        self._control.resume()
-        if not already_running:
+        """Let simulated time run on from where it stands; nothing changes if it runs already.
+
+        Raises:
+            RefusedError: steps are being taken, or the simulation has failed.
+
+        """
+        self._refuse_while_stepping("resume")
+        self._refuse_after_failure("resume")
+        if self.state is not RunState.RUNNING:
+            self.state = RunState.RUNNING
             if self._limit_ns is not None:  # the clock went on meanwhile
                 self._move_to(self._limit_ns)
             self.restart_pace()
 
     def begin_steps(self, steps: int) -> None:
-        """Take steps in the cycles to come; see RunControl.begin_steps."""
-        self._control.begin_steps(steps)
+        """Take 1 to MAX_STEPS steps while paused, in the cycles to come.
+
+        Raises:
+            RefusedError: the number is out of range, or simulated time is not paused.
+
+        """
+        self._refuse_while_stepping("step")
+        self._refuse_after_failure("step")
+        if self.state is RunState.RUNNING:
+            msg = "cannot step while running; pause first with ~/set_paused"
+            raise RefusedError(msg)
+        if not 1 <= steps <= MAX_STEPS:
+            msg = f"steps is {steps}; it must be 1 to {MAX_STEPS}; ask several times for more"
+            raise RefusedError(msg)
+        self.state, self._steps_left = RunState.STEPPING, steps
         self._factor.restart()
 
     def set_speed(self, speed: float) -> None:
         """Change the pace from now on; 0 is as fast as possible."""
-        if speed != self._pacer.speed:
+        if speed != self.pacer.speed:
             self.restart_pace(speed)
 
     def restart_pace(self, speed: float | None = None) -> None:
         """Let simulated time go on from where it stands now, without catching up; with another speed if given."""
-        self._pacer.restart(self._time_s_at(self._step), self._now_s(), speed)
+        self.pacer.restart(self._time_s_at(self._step), self._now_s(), speed)
         self._factor.restart()
 
     def fail(self, why: str) -> None:
-        """Stop simulated time until a reset, and remember why."""
-        self._control.fail(why)
+        """Stop simulated time until a reset, and remember why, in one line."""
+        self.state, self.failure = RunState.FAILED, why
 
     def reset(self) -> None:
-        """Restore the rig; simulated time goes on, and the schedule counts from here. See RunControl.reset."""
-        self._control.reset()
+        """Restore the rig; simulated time goes on, and the schedule counts from here. After a failure it stays paused.
+
+        Raises:
+            RefusedError: steps are being taken.
+
+        """
+        self._refuse_while_stepping("reset")
+        if self.state is RunState.FAILED:
+            self.state, self.failure = RunState.PAUSED, ""
         self._simulation.reset()
         self._first_step = self._step
         self.restart_pace()
 
+    def _refuse_while_stepping(self, request: str) -> None:
+        if self.state is RunState.STEPPING:
+            msg = f"cannot {request} while {self._steps_left} steps are still to take; wait for the answer of ~/step"
+            raise RefusedError(msg)
+
+    def _refuse_after_failure(self, request: str) -> None:
+        if self.state is RunState.FAILED:
+            msg = f"cannot {request}: {self.failure}; call ~/reset"
+            raise RefusedError(msg)
+
     @property
     def _step(self) -> int:
-        """Steps since the simulation was made."""
         return round(self._simulation.time_s / self._simulation.timestep_s)
 
     def _next_step(self) -> int:
-        """Next step at which something is due."""
         return self._step + self._schedule.steps_to_next(self._step - self._first_step)
 
     def _time_ns_at(self, step: int) -> int:
@@ -243,110 +266,6 @@ class RefusedError(Exception):
     """A request that is refused. The message names the state, or the value and its limit, and the way out."""
 
 
-class RunControl:
-    """State machine of the simulated time."""
-
-    def __init__(self, *, start_paused: bool) -> None:
-        """Start running, or paused."""
-        self._state = RunState.PAUSED if start_paused else RunState.RUNNING
-        self._steps_left = 0
-        self._failure = ""
-
-    @property
-    def state(self) -> RunState:
-        """What simulated time does."""
-        return self._state
-
-    @property
-    def steps_left(self) -> int:
-        """Steps still to take while stepping, else 0."""
-        return self._steps_left
-
-    @property
-    def failure(self) -> str:
-        """Why the simulation failed, in one line; empty if it did not."""
-        return self._failure
-
-    def pause(self) -> None:
-        """Stop simulated time; nothing changes if it stands already.
-
-        Raises:
-            RefusedError: steps are being taken, which ends in a pause anyway.
-
-        """
-        self._refuse_while_stepping("pause")
-        if self._state is RunState.RUNNING:
-            self._state = RunState.PAUSED
-
-    def resume(self) -> None:
-        """Let simulated time run; nothing changes if it runs already.
-
-        Raises:
-            RefusedError: steps are being taken, or the simulation has failed.
-
-        """
-        self._refuse_while_stepping("resume")
-        self._refuse_after_failure("resume")
-        self._state = RunState.RUNNING
-
-    def begin_steps(self, steps: int) -> None:
-        """Take steps while paused.
-
-        Args:
-            steps: How many, 1 to MAX_STEPS.
-
-        Raises:
-            RefusedError: the number is out of range, or simulated time is not paused.
-
-        """
-        self._refuse_while_stepping("step")
-        self._refuse_after_failure("step")
-        if self._state is RunState.RUNNING:
-            msg = "cannot step while running; pause first with ~/set_paused"
-            raise RefusedError(msg)
-        if not 1 <= steps <= MAX_STEPS:
-            msg = f"steps is {steps}; it must be 1 to {MAX_STEPS}; ask several times for more"
-            raise RefusedError(msg)
-        self._steps_left = steps
-        self._state = RunState.STEPPING
-
-    def steps_taken(self, steps: int) -> None:
-        """Note that steps were taken; the last one ends in a pause."""
-        if self._state is RunState.STEPPING:
-            self._steps_left -= steps
-            if self._steps_left <= 0:
-                self._steps_left = 0
-                self._state = RunState.PAUSED
-
-    def fail(self, why: str) -> None:
-        """Stop simulated time for good, until a reset."""
-        self._state = RunState.FAILED
-        self._steps_left = 0
-        self._failure = why
-
-    def reset(self) -> None:
-        """Forget a failure, and stay paused after it; else go on as before.
-
-        Raises:
-            RefusedError: steps are being taken.
-
-        """
-        self._refuse_while_stepping("reset")
-        if self._state is RunState.FAILED:
-            self._state = RunState.PAUSED
-        self._failure = ""
-
-    def _refuse_while_stepping(self, request: str) -> None:
-        if self._state is RunState.STEPPING:
-            msg = f"cannot {request} while {self._steps_left} steps are still to take; wait for the answer of ~/step"
-            raise RefusedError(msg)
-
-    def _refuse_after_failure(self, request: str) -> None:
-        if self._state is RunState.FAILED:
-            msg = f"cannot {request}: {self._failure}; call ~/reset"
-            raise RefusedError(msg)
-
-
 AS_FAST_AS_POSSIBLE = 0.0
 """The speed that stands for no pacing at all."""
 
@@ -367,35 +286,17 @@ class Pacer:
     """
 
     def __init__(self, speed: float, max_backlog_s: float = MAX_BACKLOG_S) -> None:
-        """Make a pacer; `restart` it before use.
-
-        Args:
-            speed: Simulated seconds per real second; 0 is as fast as possible.
-            max_backlog_s: Real time that may be caught up, s.
-
-        """
+        """Make a pacer; `restart` it before use. `max_backlog_s` is the real time that may be caught up, s."""
         self._max_backlog_s = max_backlog_s
-        self._late_cycles = 0
-        self._given_up_s = 0.0
-        self._speed = speed
+        self.late_cycles = 0
+        """How many cycles began only when the one after them was due already."""
+        self.given_up_s = 0.0
+        """Real time, s, that was lost for good because the backlog had grown beyond its bound."""
+        self.speed = speed
+        """Simulated seconds per real second; 0 is as fast as possible."""
         self._anchor_real_s = 0.0
         self._anchor_simulated_s = 0.0
         self._last_simulated_s = 0.0
-
-    @property
-    def speed(self) -> float:
-        """Simulated seconds per real second; 0 is as fast as possible."""
-        return self._speed
-
-    @property
-    def late_cycles(self) -> int:
-        """How many cycles began only when the one after them was due already."""
-        return self._late_cycles
-
-    @property
-    def given_up_s(self) -> float:
-        """Real time, s, that was lost for good because the backlog had grown beyond its bound."""
-        return self._given_up_s
 
     def restart(self, simulated_s: float, now_s: float, speed: float | None = None) -> None:
         """Begin anew: `simulated_s` is due at `now_s`. After a pause, a change of speed, or whatever stopped time."""
@@ -403,35 +304,36 @@ class Pacer:
         self._anchor_simulated_s = simulated_s
         self._last_simulated_s = simulated_s
         if speed is not None:
-            self._speed = speed
+            self.speed = speed
 
     def wait_s(self, simulated_s: float, now_s: float) -> float:
         """Real time, s, until `simulated_s` is due; 0 when it is due, never negative."""
-        if self._speed == AS_FAST_AS_POSSIBLE:
+        if self.speed == AS_FAST_AS_POSSIBLE:
             return 0.0
         return max(0.0, self._due_s(simulated_s) - now_s)
 
     def begin(self, simulated_s: float, now_s: float) -> None:
         """Note that the cycle which ends at `simulated_s` begins now; keeps the count of late ones and the backlog."""
-        if self._speed == AS_FAST_AS_POSSIBLE:
+        if self.speed == AS_FAST_AS_POSSIBLE:
             return
         late_s = now_s - self._due_s(simulated_s)
-        if late_s > (simulated_s - self._last_simulated_s) / self._speed:
-            self._late_cycles += 1
+        if late_s > (simulated_s - self._last_simulated_s) / self.speed:
+            self.late_cycles += 1
         self._last_simulated_s = simulated_s
         if late_s > self._max_backlog_s:
-            self._given_up_s += late_s - self._max_backlog_s
+            self.given_up_s += late_s - self._max_backlog_s
             self._anchor_real_s += late_s - self._max_backlog_s
 
     def _due_s(self, simulated_s: float) -> float:
-        return self._anchor_real_s + (simulated_s - self._anchor_simulated_s) / self._speed
+        return self._anchor_real_s + (simulated_s - self._anchor_simulated_s) / self.speed
 
 
 class RealTimeFactor:
     """Simulated time per real time, measured over the last two seconds of real time."""
 
-    def __init__(self) -> None:
-        """Make a meter that has measured nothing."""
+    def __init__(self, shortest_s: float = _FACTOR_SHORTEST_S) -> None:
+        """Make a meter that has measured nothing, and says nothing before it has measured for so long, s."""
+        self._shortest_s = shortest_s
         self._samples: deque[tuple[float, float]] = deque()
 
     def restart(self) -> None:
@@ -439,8 +341,12 @@ class RealTimeFactor:
         self._samples.clear()
 
     def note(self, simulated_s: float, now_s: float) -> None:
-        """Note where simulated time stands at real time `now_s`."""
+        """Note where simulated time stands at real time `now_s`; NaN: nobody knows. Time that goes back starts anew."""
         samples = self._samples
+        if math.isnan(simulated_s):
+            return
+        if samples and simulated_s < samples[-1][1]:
+            samples.clear()
         if samples and now_s - samples[-1][0] < _FACTOR_SAMPLE_S:
             return
         samples.append((now_s, simulated_s))
@@ -448,12 +354,12 @@ class RealTimeFactor:
             samples.popleft()
 
     def value(self) -> float:
-        """Simulated seconds per real second; NaN while less than a quarter of a second has been measured."""
+        """Simulated seconds per real second; NaN while too little has been measured."""
         if not self._samples:
             return math.nan
         (first_s, first_simulated_s), (last_s, last_simulated_s) = self._samples[0], self._samples[-1]
         span_s = last_s - first_s
-        return (last_simulated_s - first_simulated_s) / span_s if span_s >= _FACTOR_SHORTEST_S else math.nan
+        return (last_simulated_s - first_simulated_s) / span_s if span_s >= self._shortest_s else math.nan
 
 
 _RATE_TOLERANCE = 1e-9
@@ -497,12 +403,7 @@ def timestep_ns(timestep_s: float) -> int:
 
 
 def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
-    """Whole number of steps between two outputs.
-
-    Args:
-        rate_hz: Rate wanted, Hz.
-        timestep_s: Simulation step, s.
-        max_rate_hz: Highest rate to name in the error, Hz.
+    """Whole number of steps between two outputs; no rate above the highest is named as a way out.
 
     Raises:
         RateError: the rate is not the step rate divided by a whole number.
@@ -531,12 +432,7 @@ class Schedule:
     """Outputs by step, counted from the last (re)start of the rig. An output of period n is due at n, 2n, 3n ..."""
 
     def __init__(self, periods: Mapping[Output, int]) -> None:
-        """Take the periods.
-
-        Args:
-            periods: Steps between two of each output, each at least 1.
-
-        """
+        """Take the steps between two of each output, each at least 1."""
         if not periods or min(periods.values()) < 1:
             msg = f"every output needs a period of at least one step, not {dict(periods)}"
             raise ValueError(msg)

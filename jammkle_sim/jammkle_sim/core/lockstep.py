@@ -45,8 +45,6 @@ class Standing(enum.Enum):
 
 @dataclass
 class _Participant:
-    """One that has answered at least once."""
-
     done_ns: int
     standing: Standing = Standing.IN_STEP
     answers: int = 0
@@ -61,13 +59,7 @@ class Lockstep:
     """Keeps the account of ticks and answers."""
 
     def __init__(self, timeout_s: float, now_s: Callable[[], float]) -> None:
-        """Know nobody yet.
-
-        Args:
-            timeout_s: Real time, s, after which a silent participant is waited for no more; 0: never.
-            now_s: Real time, s, of a steady clock.
-
-        """
+        """Know nobody yet; who is silent for so long, s by a steady clock, is waited for no more, 0: for ever."""
         self.timeout_s = timeout_s
         self._now_s = now_s
         self._known: dict[str, _Participant] = {}
@@ -110,13 +102,7 @@ class Lockstep:
         self._repeated_s = self._now_s()
 
     def answered(self, name: str, stamp_ns: int) -> None:
-        """Take an answer.
-
-        Args:
-            name: Of the participant.
-            stamp_ns: Up to which it is done, ns.
-
-        """
+        """Take the answer of a participant: up to which stamp, ns, it is done."""
         if self._tick_ns is None:
             return
         before = self._known.get(name)
@@ -157,7 +143,7 @@ class Lockstep:
 
     def health(self) -> Health:
         """Return one line: who is in step, who is not, and why."""
-        now_s = self._now_s()
+        about, now_s = LOCKSTEP_LINE.removeprefix(": "), self._now_s()
         values = {
             name: f"{each.standing.value}, done with {each.stamp_ns / NANOSECONDS_PER_SECOND:.4f} s"
             for name, each in sorted(self._known.items())
@@ -176,11 +162,6 @@ class Lockstep:
         if self.missing and self.waited_s > max(self.timeout_s, 1.0):
             texts.append(f"time stands still until {', '.join(self.missing)} answers (lockstep_timeout_s is 0)")
         if texts:
-            return Health(LOCKSTEP_LINE.removeprefix(": "), Level.WARN, "; ".join(texts), values)
+            return Health(about, Level.WARN, "; ".join(texts), values)
         members = ", ".join(self.participants)
-        return Health(
-            LOCKSTEP_LINE.removeprefix(": "),
-            Level.OK,
-            f"in step: {members}" if members else "nobody takes part",
-            values,
-        )
+        return Health(about, Level.OK, f"in step: {members}" if members else "nobody takes part", values)

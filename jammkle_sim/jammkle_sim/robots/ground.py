@@ -69,13 +69,7 @@ class Ground:
         return Ground(math.radians(slope_deg), roughness_m * smooth)
 
     def add_to(self, spec: Any, contact_time_s: float) -> None:
-        """Add the ground to a model; the feet have the friction.
-
-        Args:
-            spec: The mujoco.MjSpec.
-            contact_time_s: Time constant of the contact, s.
-
-        """
+        """Add the ground to a mujoco.MjSpec, with the time constant of a contact, s; the feet have the friction."""
         turn = (math.cos(self.slope_rad / 2.0), 0.0, -math.sin(self.slope_rad / 2.0), 0.0)
         common = {
             "name": GROUND,
@@ -119,12 +113,7 @@ class Building:
     """One of our robots on its ground while it is built: its model, and what all its limbs are built with."""
 
     def __init__(self, name: str, base: str, options: RobotOptions) -> None:
-        """Begin a model with the ground alone.
-
-        Args:
-            name: Of the robot.
-            base: Name that the first body will have; an IMU on the body is there.
-            options: What it does, where.
+        """Begin a model with the ground alone; the first body will be called `base`, and may bear an IMU for all.
 
         Raises:
             ParameterError: an option out of range.

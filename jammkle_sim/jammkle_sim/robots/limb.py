@@ -38,13 +38,7 @@ class Segments:
     """From knee to ankle."""
 
     def angles_rad(self, forward_m: float, up_m: float) -> tuple[float, float]:
-        """Return hip and knee angle that bring the ankle to a place in the leg's plane, or as near as it reaches.
-
-        Args:
-            forward_m: Forward of the hip, m.
-            up_m: Above the hip, m; negative.
-
-        """
+        """Return hip and knee angle that bring the ankle to a place as seen from the hip, or as near as it reaches."""
         straight_m = self.thigh_m + self.shank_m
         distance_m = min(max(math.hypot(forward_m, up_m), abs(self.thigh_m - self.shank_m)), _STRAIGHTEST * straight_m)
         product = 2.0 * self.thigh_m * self.shank_m
@@ -108,12 +102,7 @@ class LimbParameters:
         return self.damping_n_m_s / self.stiffness_n_m
 
     def lean_rad(self, back_m: float) -> float:
-        """How far the shank's lower end is ahead of its upper one as it stands, as an angle.
-
-        Args:
-            back_m: How far behind the hip the ankle stands.
-
-        """
+        """Lean of the shank, its lower end ahead of the upper one, where the ankle stands so far behind the hip."""
         hip_rad, knee_rad = self.segments.angles_rad(-back_m, -self.stance_m)
         return -(hip_rad + knee_rad)
 
@@ -242,13 +231,7 @@ class Gait:
         return min(max((time_s - START_S) / self.period_s, 0.0), 1.0)
 
     def plan(self, time_s: float, phase: float) -> FootPlan:
-        """Return what is planned of a foot.
-
-        Args:
-            time_s: Since the robot's start.
-            phase: Of the foot: by which share of a period it is ahead.
-
-        """
+        """Return what is planned of a foot that is ahead by a share of a period, at a time since the robot's start."""
         if time_s < START_S:
             return FootPlan(bears=True)
         at = self._phase(time_s, phase)
@@ -259,11 +242,6 @@ class Gait:
 
         While it stands it goes back as fast as the robot goes forward. It is lifted straight off its place and put
         down straight onto the next, so that it need not slide where legs give; in between it flies (smoothstep).
-
-        Args:
-            time_s: Since the robot's start.
-            phase: As for `plan`.
-
         """
         if time_s < START_S:
             return 0.0, -self.push_m
@@ -299,18 +277,7 @@ class LimbControl:
         bearing_share: float,
         push_m: float = 0.0,
     ) -> None:
-        """Know where the controls are.
-
-        Args:
-            model: The mujoco.MjModel.
-            building: The robot that it was made from.
-            limb: Sizes of every limb.
-            servos: Names of those that are controlled.
-            phases: By which share of a step's period the foot of an ankle is ahead, by its name.
-            bearing_share: As of `Gait`.
-            push_m: As of `Gait`.
-
-        """
+        """Know where the controls are; phases say by which share of a period each ankle's foot is ahead."""
         options, ankle = building.options, building.ankle
         self.walks = options.behaviour == Behaviour.WALK.value
         self.gait = Gait(

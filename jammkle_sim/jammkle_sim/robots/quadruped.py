@@ -75,14 +75,7 @@ class QuadrupedControl(LimbControl):
     """Targets of all twelve servos; legs hang down along gravity, the trunk is along the ground."""
 
     def __init__(self, model: Any, building: Building, parameters: QuadrupedParameters) -> None:
-        """Know where the controls are.
-
-        Args:
-            model: The mujoco.MjModel.
-            building: The quadruped that it was made from.
-            parameters: Its sizes.
-
-        """
+        """Know where the controls are."""
         servos = [f"{corner.leg}_{joint}" for corner in CORNERS for joint in (ABDUCTION, HIP, KNEE)]
         phases = {corner.ankle: corner.phase for corner in CORNERS}
         super().__init__(model, building, parameters.limb, servos, phases, parameters.bearing_share)
@@ -107,12 +100,12 @@ def stance_rad(
     forward_m: float = 0.0,
     up_m: float = 0.0,
 ) -> tuple[float, float, float]:
-    """Return abduction, hip and knee of a leg, rad.
+    """Return abduction, hip and knee of a leg, rad, with the trunk along the slope.
 
     Args:
         parameters: Sizes.
         corner: Which leg.
-        slope_rad: Inclination of the ground, and of the trunk along it.
+        slope_rad: Inclination of the ground.
         back_m: How far behind its hip, level, the ankle stands.
         forward_m: How far the ankle is forward of where it stands, along the ground.
         up_m: How far it is off the ground.
@@ -130,9 +123,6 @@ def stance_rad(
 
 def quadruped(options: RobotOptions) -> Robot:
     """Build the quadruped.
-
-    Args:
-        options: What it does, where.
 
     Raises:
         ParameterError: an option out of range.

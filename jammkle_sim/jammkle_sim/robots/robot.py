@@ -62,7 +62,6 @@ class AttachedAnkle:
     imu: ImuPlace
     joints: Mapping[str, str]
     """Joints that are reported together with the ankle's own, by the name they are reported under: those of the leg."""
-    rigid: bool = False
 
     def named(self, part: str) -> str:
         """Return the name in the robot's model of a part of the ankle: `ankle_pitch`, `achilles_left`, `foot`."""
@@ -143,13 +142,7 @@ class FollowingControl:
     """Lets a robot's joints follow courses, in place of what its own control asks of them."""
 
     def __init__(self, model: Any, own: JointControl) -> None:
-        """Begin with what its own control asks.
-
-        Args:
-            model: The mujoco.MjModel.
-            own: Its own control.
-
-        """
+        """Begin with what its own control asks."""
         self._model, self._own = model, own
         self._course: JointCourse | None = None
         self._begun_s: float | None = None
@@ -340,7 +333,7 @@ def attach_ankle(
 
     """
     fitting = fitting or AnkleFitting()
-    ankle = AttachedAnkle(name, fitting.parameters, fitting.imu, dict(fitting.leg_joints), fitting.rigid)
+    ankle = AttachedAnkle(name, fitting.parameters, fitting.imu, dict(fitting.leg_joints))
     shank = _body(spec, body)
     if spec.body(ankle.foot) is not None:
         msg = f"ankle '{name}' is attached already: give this one another name"

@@ -48,11 +48,7 @@ _KINDS = {_HINGE: "revolute", _SLIDE: "prismatic"}
 
 
 def robot_urdf(robot: Robot, namespace: str = "/") -> str:
-    """Return the URDF of a robot as text.
-
-    Args:
-        robot: The robot.
-        namespace: Normalised ROS namespace of the robot, which its frames begin with.
+    """Return the URDF of a robot in a normalised ROS namespace, which its frames begin with, as text.
 
     Raises:
         ParameterError: the model has what URDF has no word for: a ball joint or a free one inside the robot.
@@ -80,10 +76,6 @@ def robot_mjcf(robot: Robot) -> str:
     """Return the MJCF of a robot as text: what is simulated, but for the forces of its tendons.
 
     Those follow from pressure and history by a law of their own, and are controls here.
-
-    Args:
-        robot: The robot.
-
     """
     names, spec = UrdfNames(robot), robot.spec.copy()
     for joint in spec.joints:
@@ -96,8 +88,6 @@ def robot_mjcf(robot: Robot) -> str:
 
 
 class _Body:
-    """One body of the model on its way into the tree."""
-
     def __init__(self, tree: ET.Element, model: Any, body: int, names: UrdfNames) -> None:
         self._tree, self._model, self._body, self._names = tree, model, body, names
         self._link = names.link(model.body(body).name)
@@ -238,13 +228,7 @@ class UrdfNames:
     """Names of one robot's parts."""
 
     def __init__(self, robot: Robot, namespace: str = "/") -> None:
-        """Take the robot's ankles.
-
-        Args:
-            robot: The robot.
-            namespace: Normalised ROS namespace of the robot, which its frames begin with.
-
-        """
+        """Take the robot's ankles, and the normalised ROS namespace that its frames begin with."""
         self._namespace = namespace
         self._ankles = robot.ankles
         self.reported: tuple[ReportedJoint, ...] = tuple(_reported(robot))
@@ -292,14 +276,7 @@ _TINTS = {"printed": "0.27 0.29 0.32 1", "metal": "0.69 0.71 0.74 1"}
 
 
 def add_shapes(link: ET.Element, model: Any, body: int) -> None:
-    """Add visual and collision elements to a link.
-
-    Args:
-        link: Where they go.
-        model: The mujoco.MjModel.
-        body: Number of the body.
-
-    """
+    """Add visual and collision elements of a body, by its number, to a link."""
     geoms = [index for index in range(model.ngeom) if int(model.geom_bodyid[index]) == body]
     balls = [index for index in geoms if int(model.geom_type[index]) == _SPHERE]
     if len(balls) >= _SOLE_CORNERS:
@@ -383,14 +360,7 @@ _UNUSED = "unused_joint_commands"
 
 
 def control_tags(robot: Robot, names: UrdfNames, namespace: str) -> tuple[ET.Element, ET.Element]:
-    """Return the tags of the joints and of the channels.
-
-    Args:
-        robot: The robot.
-        names: Of its parts.
-        namespace: Normalised ROS namespace of the robot.
-
-    """
+    """Return the tags of the joints and of the channels of a robot in a normalised namespace."""
     owner = namespace.strip("/").replace("/", "_") or robot.name
     joints = _system(f"{owner}_joints", _JOINT_PLUGIN)
     hardware = joints[0]

@@ -28,7 +28,6 @@ Rgb = tuple[int, int, int]
 
 
 def _rgb(colour: str) -> Rgb:
-    """Return what `#rrggbb` means."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return red, green, blue
 
@@ -183,7 +182,6 @@ def _shape(model: Any, geom: int) -> Any:
 
 
 def _placed(model: Any, geom: int, mesh: trimesh.Trimesh, tint: Rgb) -> Solid:
-    """Return a surface where a geom is on its body."""
     place = np.eye(4)
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])

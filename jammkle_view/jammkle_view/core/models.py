@@ -51,12 +51,7 @@ class Kinematics:
     """A model that is moved by the positions of its joints, without any dynamics."""
 
     def __init__(self, model: Any) -> None:
-        """Stand at the model's start.
-
-        Args:
-            model: The mujoco.MjModel; a keyframe, if it has one, is the start.
-
-        """
+        """Stand at the start of a mujoco.MjModel: at its keyframe, if it has one."""
         self._model = model
         self._data = mujoco.MjData(model)
         if model.nkey:
@@ -86,10 +81,10 @@ class Kinematics:
         self.move({})
 
     def move(self, positions: Mapping[str, float], base: Base | None = None) -> None:
-        """Put joints where they are.
+        """Put joints where they are, rad or m; names that the model does not have are passed over.
 
         Args:
-            positions: By name, rad or m; those that the model does not have are passed over.
+            positions: By name.
             base: Where the body that carries the robot is; None: where the model has it.
 
         """
@@ -168,16 +163,7 @@ class Kinematics:
 def along(
     begins_m: NDArray[np.float64], ends_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how to lay unit cylinders, whose axis is z, along straight pieces.
-
-    Args:
-        begins_m: Shape (n, 3), m.
-        ends_m: Shape (n, 3), m.
-
-    Returns:
-        Quaternions (w, x, y, z), shape (n, 4), and lengths, shape (n,), m.
-
-    """
+    """Return quaternions (w, x, y, z), (n, 4), and lengths, (n,), m, that lay cylinders of axis z from begin to end."""
     way_m = ends_m - begins_m
     length_m: NDArray[np.float64] = np.linalg.norm(way_m, axis=1)
     axis = way_m / np.maximum(length_m, 1e-9)[:, np.newaxis]
@@ -193,20 +179,8 @@ HANGING = "pressure"
 """Rig that stands for an ankle of which nothing says what it stands in: it hangs in the air."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Naming:
-    """What an ankle's parts are called in the model, by what its topics call them. What is not here is called alike."""
-
-    joints: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    tendons: Mapping[str, str] = dataclasses.field(default_factory=dict)
-
-    def joint(self, name: str) -> str:
-        """Return the name of a joint in the model."""
-        return self.joints.get(name, name)
-
-    def tendon(self, name: str) -> str:
-        """Return the name of a tendon in the model."""
-        return self.tendons.get(name, name)
+Naming = dict[str, str]
+"""What an ankle's joints and tendons are called in the model, by what its topics call them. Others are called alike."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,19 +193,14 @@ class Setting:
     """By name."""
     model: Any
     """The mujoco.MjModel."""
-    ankles: Mapping[str, Naming] = dataclasses.field(default_factory=lambda: {"": Naming()})
+    ankles: Mapping[str, Naming] = dataclasses.field(default_factory=lambda: {"": {}})
     """Its ankles, by namespace below that of the whole; a single one is in that."""
     floats: bool = False
     """Whether nothing says where its body is: it is then drawn with its lowest foot on the ground."""
 
 
 def setting_of(description: str) -> Setting:
-    """Return what a text of sim_parameters describes; a hanging ankle where it describes nothing that is known.
-
-    Args:
-        description: YAML with `rig` or `robot`, `options` and the constants of the ankle; may be empty.
-
-    """
+    """Return what a text of sim_parameters describes; a hanging ankle where it describes nothing that is known."""
     content = described(description)
     try:
         if "robot" in content:
@@ -273,10 +242,10 @@ def _robot(name: str, content: Mapping[str, Any]) -> Setting:
     built = robot(name, RobotOptions(**known(RobotOptions, content)))
     several = len(built.ankles) > 1
     ankles = {
-        ankle.name if several else "": Naming(
-            {**{joint: ankle.named(joint) for joint in ANKLE_JOINTS}, **ankle.joints},
-            {tendon: ankle.named(tendon) for tendon in TENDONS},
-        )
+        ankle.name if several else "": {
+            **{name: ankle.named(name) for name in (*ANKLE_JOINTS, *TENDONS)},
+            **ankle.joints,
+        }
         for ankle in built.ankles
     }
     return Setting(name, _options(content), built.model, ankles, floats=True)

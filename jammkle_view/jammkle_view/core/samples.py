@@ -205,6 +205,10 @@ def _stamp_s(message: Any) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * _S_PER_NS
 
 
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return float(vector.x), float(vector.y), float(vector.z)
+
+
 def _joints(message: Any) -> Joints:
     positions = (float(value) for value in message.position)
     return Joints(_stamp_s(message), dict(zip(message.name, positions, strict=False)))
@@ -220,21 +224,12 @@ def _tendons(message: Any) -> Tendons:
 
 
 def _imu(message: Any) -> Imu:
-    force, rate = message.linear_acceleration, message.angular_velocity
-    return Imu(
-        _stamp_s(message),
-        (float(force.x), float(force.y), float(force.z)),
-        (float(rate.x), float(rate.y), float(rate.z)),
-    )
+    return Imu(_stamp_s(message), _xyz(message.linear_acceleration), _xyz(message.angular_velocity))
 
 
 def _base(message: Any) -> Base:
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    return Base(
-        _stamp_s(message),
-        (float(place.x), float(place.y), float(place.z)),
-        (float(turn.w), float(turn.x), float(turn.y), float(turn.z)),
-    )
+    pose = message.pose.pose
+    return Base(_stamp_s(message), _xyz(pose.position), (float(pose.orientation.w), *_xyz(pose.orientation)))
 
 
 def _pressure(topic: str, message: Any) -> Pressure:

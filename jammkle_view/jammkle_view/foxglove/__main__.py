@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
-from typing import TYPE_CHECKING
 
-from jammkle_common.parameters import ParameterError
-from jammkle_common.runner import run
+from jammkle_view.__main__ import run_loaded
 from jammkle_view.parameters import NO_FOXGLOVE
-
-if TYPE_CHECKING:
-    from jammkle_view.foxglove.node import FoxgloveNode
 
 LOADED_LATER = ("jammkle_view.foxglove.node",)
 """See `jammkle_common.processes`."""
@@ -19,20 +13,7 @@ LOADED_LATER = ("jammkle_view.foxglove.node",)
 
 def main() -> int:
     """Run the connection until SIGINT or SIGTERM and return the exit code."""
-    return run(
-        _make_node,
-        loop=lambda node, executor, stop: node.drive(executor, stop),
-        shut_down=lambda node: node.shut_down(),
-    )
-
-
-def _make_node() -> FoxgloveNode:
-    if importlib.util.find_spec("foxglove") is None:
-        raise ParameterError(NO_FOXGLOVE)
-    # The bag library is loaded under the runner's signal handlers.
-    from jammkle_view.foxglove.node import FoxgloveNode  # noqa: PLC0415
-
-    return FoxgloveNode()
+    return run_loaded("jammkle_view.foxglove.node", "FoxgloveNode", "foxglove", NO_FOXGLOVE)
 
 
 if __name__ == "__main__":

@@ -35,12 +35,7 @@ class ForwardingServer(ServerListener):
     """Offers topics to the app, and says which of them somebody looks at, as a thread of the library's tells it."""
 
     def __init__(self, host: str, port: int, name: str) -> None:
-        """Listen.
-
-        Args:
-            host: Address.
-            port: TCP port.
-            name: What the app shows.
+        """Listen on a TCP port, under a name that the app shows.
 
         Raises:
             InputError: the port is taken.
@@ -66,14 +61,7 @@ class ForwardingServer(ServerListener):
         """What to type into the app on this machine."""
 
     def offer(self, topic: str, message_type: str, definition: MessageDefinition) -> None:
-        """Offer a topic; once is enough.
-
-        Args:
-            topic: Full name.
-            message_type: `package/msg/Name`.
-            definition: Of the type.
-
-        """
+        """Offer a topic, by its full name, of a type `package/msg/Name`; once is enough."""
         if topic not in self._channels:
             schema = foxglove.Schema(name=message_type, encoding=_DEFINED_AS, data=definition.text.encode())
             self._channels[topic] = foxglove.Channel(
@@ -163,7 +151,6 @@ class FoxgloveNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _offer_new(self) -> None:
-        """Offer topics that have appeared."""
         for name, types in self.get_topic_names_and_types():
             if name in self._types or not belongs(self.get_namespace(), name) or not self.count_publishers(name):
                 continue

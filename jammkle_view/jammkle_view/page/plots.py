@@ -96,14 +96,7 @@ class Plot:
         values: NDArray[np.float64],
         marked_s: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
-        """Draw samples.
-
-        Args:
-            time_s: Shape (n,), on the plot's axis, s.
-            values: Shape (n, lines), SI.
-            marked_s: Times by name of the mark, s.
-
-        """
+        """Draw samples, SI, shape (n, lines), at times on the plot's axis, s, and marks, by name, at theirs."""
         time_s, values = thinned(time_s, self._quantity.scale * values, BINS)
         if not len(time_s):
             time_s, values = np.zeros(1), np.full((1, len(self._lines)), np.nan)

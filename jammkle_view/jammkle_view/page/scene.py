@@ -142,11 +142,11 @@ class RobotScene:
         bases: list[Base | None] = []
         for naming, ankle in ankles:
             bases.append(ankle.base)
-            positions |= {naming.joint(name): value for name, value in ankle.joints.items()}
+            positions |= {naming.get(name, name): value for name, value in ankle.joints.items()}
             for name in TENDONS:
                 tension_n, broken = ankle.tensions_n.get(name, 0.0), name in ankle.broken
-                tints[naming.tendon(name)] = tendon_tint(ankle.state_of(name), tension_n, broken=broken)
-                shares[naming.tendon(name)] = ankle.vacuum_share(name)
+                tints[naming.get(name, name)] = tendon_tint(ankle.state_of(name), tension_n, broken=broken)
+                shares[naming.get(name, name)] = ankle.vacuum_share(name)
         self.show(positions, tints, shares, next(iter(bases), None))
 
     def show(

@@ -32,12 +32,7 @@ _BRAND: tuple[int, int, int] = (25, 110, 235)
 
 
 def serve(host: str, port: int, title: str) -> viser.ViserServer:
-    """Start the server and return it; it runs in a thread of its own.
-
-    Args:
-        host: Address to listen on.
-        port: TCP port; ANY_PORT takes the first free one.
-        title: Above the controls.
+    """Start the server and return it; it runs in a thread of its own. Port ANY_PORT takes the first free one.
 
     Raises:
         InputError: the address is not this machine's, or the port is taken.
@@ -84,11 +79,7 @@ def is_watched(server: viser.ViserServer) -> bool:
 def look_at(server: viser.ViserServer, centre_m: Sequence[float], size_m: float = 0.0) -> None:
     """Let cameras of browsers that open the page look at a robot from the front right.
 
-    Args:
-        server: Of the page.
-        centre_m: Middle of the robot, m; the camera aims above it, as the foot is heavy with bodies.
-        size_m: How far it reaches, m; of an ankle alone much more is seen than its bodies.
-
+    They aim above its middle, as the foot is heavy with bodies; of an ankle alone much more is seen than its bodies.
     """
     reach_m = max(_NEAREST_M, 1.15 * size_m)
     x, y, z = centre_m[0] - 0.07 * reach_m, centre_m[1], centre_m[2] + 0.33 * reach_m

@@ -7,7 +7,6 @@ import json
 import math
 import multiprocessing
 import re
-import signal
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,20 +46,11 @@ from studies.paper.runs import (
 from studies.paper.tables import DROP_ROWS, ROWS, SLIP_CLAIMS, TENSILE_ROWS, paper_row
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
 TABLES = Path(__file__).parents[4] / "shared" / "paper" / "tables.yaml"
 """The paper's numbers as they were handed over, where they lie beside the checkout."""
 NO_CURVE = Curve(np.array([0.0, 20.0, 0.0]), np.array([0.0, 10.0, 0.0]))
-
-
-@pytest.fixture(autouse=True)
-def _own_signals() -> Iterator[None]:
-    """Give the test process its signal handlers back; the command installs its own."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def made_up(task: Task) -> Outcome:
