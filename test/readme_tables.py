@@ -124,7 +124,10 @@ def tables() -> dict[str, str]:
     made = {
         "topics": table(
             ("topic", "type", "delivery", "what"),
-            [(f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note) for t in (*TOPICS, *ROBOT_TOPICS)],
+            [
+                (f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note)
+                for t in (*TOPICS, *ROBOT_TOPICS)
+            ],
         ),
         "services": table(
             ("service", "type", "what"),

@@ -14,7 +14,7 @@ from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.corrected import corrected_of
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import FloorGive, scales_of
+from jammkle_gap.mujoco.effects import change_give, scales_of
 from jammkle_gap.mujoco.offer import groups_of, offer_of
 from jammkle_gap.mujoco.runs import (
     AXES,
@@ -441,7 +441,7 @@ def test_body_sinks_deeper_into_a_floor_that_gives(solref: str) -> None:
     depths_m = []
     for scale in (1.0, 2.0):
         model = robot_arm.mujoco.MjModel.from_xml_string(BALL.replace("SOLREF", solref))
-        FloorGive()(cast("Machine", SimpleNamespace(model=model)), [scale])
+        change_give(cast("Machine", SimpleNamespace(model=model)), [scale])
         data = robot_arm.mujoco.MjData(model)
         robot_arm.mujoco.mj_step(model, data, 2000)
         depths_m.append(0.1 - float(data.qpos[2]))

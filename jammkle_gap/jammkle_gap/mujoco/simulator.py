@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
@@ -20,7 +20,7 @@ from jammkle_gap.mujoco.unsaid import Unsaid, lost, rub
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.robot import Robot
 
     Array = NDArray[np.float64]
+    Change = Callable[["Machine", Sequence[float]], None]
+    """Makes an effect, or a constant of the machine, of the values of its parameters, in order."""
 
 BASE = "base"
 """Of signals of a free base that was measured: `base/x` and so on."""
@@ -93,13 +95,6 @@ class Machine(Unsaid):
     def needs_steps(self) -> bool:
         """Return whether something changes within a run that a model cannot say."""
         return bool(self.stribeck or self.load_friction or self.slack)
-
-
-class Change(Protocol):
-    """Makes an effect, or a constant of the machine."""
-
-    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
-        """Change a machine; the values are those of the effect's parameters in order."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class Unsaid:
     """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
     """How much faster the clock of the readings runs than that of the commands, as a share."""
-    set_point_lag_s: Mapping[str, float] = field(default_factory=dict)
+    set_point_lag_s: dict[str, float] = field(default_factory=dict)
     """By joint, as what follows."""
     forward_share: dict[str, float] = field(default_factory=dict)
     """Of the set point's rate that the drive feeds forward."""
