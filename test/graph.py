@@ -27,7 +27,7 @@ from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.node import Node
 
@@ -50,6 +50,25 @@ def interface(name: str) -> Any:
 def environment(domain_id: int) -> dict[str, str]:
     """Environment in which a child sees only its own domain on this machine."""
     return {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def cpu_s(process: psutil.Process) -> float:
+    """Processor time that a process has taken, s."""
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
+@contextlib.contextmanager
+def running(domain_id: int, *commands: Sequence[str]) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run Python with these arguments, a process each, while the block lasts."""
+    processes = [subprocess.Popen([sys.executable, *each], env=environment(domain_id)) for each in commands]
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait()
 
 
 def messages_of(bag: Path, topic: str) -> list[Any]:

@@ -260,14 +260,7 @@ def _places_of_base(robot: Robot) -> list[int]:
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:
     """Return the readings of one quantity at the times of its signal, by when they were really taken.
 
-    Args:
-        machine: Whose clock and delay count.
-        motion: With the windows.
-        begins: When each begins to run, s.
-        ticks: Since then, when a value is there to be read, shape (count,), s.
-        values: Shape (windows, count).
-        time_s: Of the readings, one window after the other, s.
-
+    `values`, shape (windows, count), are there to be read at `ticks` after `begins`.
     """
     real_s, window = _taken_at(machine, motion, time_s)
     found = np.empty_like(time_s)
@@ -311,16 +304,8 @@ def _between_ticks(
 ) -> Array:
     """Return what the effort of a drive differs by between the model's steps, as its set point comes in steps.
 
-    Args:
-        machine: Whose drive it is.
-        motion: With the windows.
-        asked: Set points on the motion's grid, shape (n, drives).
-        controls: Those of every step, shape (windows, count, actuators).
-        joint: Which the drive moves.
-        begins: When each window begins to run, s.
-        time_s: Of the readings, s.
-        made: Efforts at these times, straight from step to step; N m or N.
-
+    `asked`, shape (n, drives), are set points on the motion's grid, `controls`, (windows, count, actuators), those of
+    every step, and `made` efforts at `time_s`, straight from step to step; N m or N.
     """
     columns = [column for column, each in enumerate(machine.robot.drives) if each.joint == joint]
     if not columns:
@@ -438,16 +423,9 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
 
 
 def _put_bases(machine: Machine, states: Array, base: Array, step_s: float, read_s: Array, shift: Array) -> None:
-    """Put where a free base was measured into the starts of windows.
+    """Put where a free base was measured, shape (2, n, 6) on the grid, into the starts of windows.
 
-    Args:
-        machine: Whose base it is.
-        states: Shape (windows, state).
-        base: Coordinates and rates on the grid, shape (2, n, 6).
-        step_s: Of the grid, s.
-        read_s: When the state of each window was read, s.
-        shift: Of coordinates and rates of each, shape (windows, 2, 6), or (windows, 2, 0) for none.
-
+    `shift` is that of coordinates and rates of each window, shape (windows, 2, 6), or (windows, 2, 0) for none.
     """
     model, grid = machine.model, step_s * np.arange(base.shape[1])
     free = model.joint(machine.robot.floating)

@@ -218,6 +218,13 @@ def _check_key(model: mujoco.MjModel, name: str, key: str) -> None:
         raise ValueError(msg)
 
 
+def joint_of(model: mujoco.MjModel, actuator: int) -> str:
+    """Return the name of the joint that an actuator acts on; empty for one on a tendon, a site or a body."""
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    on_joint = int(model.actuator_trntype[actuator]) in kinds
+    return str(model.joint(int(model.actuator_trnid[actuator, 0])).name) if on_joint else ""
+
+
 def joints_of(model: mujoco.MjModel) -> list[str]:
     """Return the names of hinges and slides."""
     kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))

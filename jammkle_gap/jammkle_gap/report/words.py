@@ -150,11 +150,17 @@ def _where(diagnosis: Diagnosis) -> Answer:
     return Answer("Where", place_label(place), more)
 
 
-def main_place(where: Sequence[Place]) -> tuple[Place, float]:
-    """Return where most of the gap lies, and its signal's share: that of the largest share, in its largest phase."""
+def signal_shares(where: Sequence[Place]) -> dict[str, float]:
+    """Return the share of each signal, over all phases."""
     shares: dict[str, float] = {}
     for place in where:
         shares[place.signal] = shares.get(place.signal, 0.0) + place.share
+    return shares
+
+
+def main_place(where: Sequence[Place]) -> tuple[Place, float]:
+    """Return where most of the gap lies, and its signal's share: that of the largest share, in its largest phase."""
+    shares = signal_shares(where)
     signal = max(shares, key=lambda name: shares[name])
     return max((each for each in where if each.signal == signal), key=lambda each: each.share), shares[signal]
 
