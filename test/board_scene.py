@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Bool
 
 from graph import TIMEOUT_S, Probe, environment
@@ -33,6 +32,8 @@ from landing_imu import IMPACT_M_S2, PlayedImu
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from diagnostic_msgs.msg import DiagnosticStatus
 
     from jammkle_sim.board_bench import BoardPlant
 
@@ -103,23 +104,15 @@ class Scene:
         if hasattr(self, "bench"):
             self.bench.close()
 
-    def line(self, name: str) -> DiagnosticStatus:
-        """Return the latest line on /diagnostics whose name ends so."""
-        for message in reversed(self.probe.received[DIAGNOSTICS.name]):
-            for status in message.status:
-                if status.name.endswith(name):
-                    return status
-        return DiagnosticStatus()
-
     def link(self) -> DiagnosticStatus:
         """Return the driver's latest line on the link."""
-        return self.line("driver: link")
+        return self.probe.line("driver: link")
 
     def know_atmosphere(self) -> None:
         """Wait until vented channels have shown the atmosphere, before which faults are found by time-outs alone."""
 
         def known() -> bool:
-            values = {each.key: each.value for each in self.line("driver: atmosphere").values}
+            values = {each.key: each.value for each in self.probe.line("driver: atmosphere").values}
             return values.get("measured by vented channels") == "yes"
 
         self.probe.spin_until(known, "the atmosphere is known")

@@ -172,7 +172,7 @@ def test_unconfigured_it_touches_nothing_and_inactive_it_only_senses(make_scene:
         return bool(probe.call(CHANGE_STATE, transition=Transition(id=identifier)).success)
 
     probe.spin_until(lambda: "driver" in probe.node.get_node_names(), "the driver is there")
-    probe.spin_until(lambda: scene.line("driver: driver").message != "", "the driver reports")
+    probe.spin_until(lambda: scene.probe.line("driver: driver").message != "", "the driver reports")
     assert not any(edge.solenoids or edge.duty for edge in scene.bench.edges)
     assert scene.link() == DiagnosticStatus()  # nobody has opened the port
     assert probe.node.count_publishers(MANIFOLD_PRESSURE.name) == 0
@@ -251,13 +251,8 @@ def test_gauges_count_from_the_atmosphere_that_is_declared_now(
 
     def rows(declared_pa: float) -> list[DiagnosticStatus]:
         """Return each row on the atmosphere that names this parameter, once channels have shown it."""
-        rows = [
-            status
-            for message in probe.received[DIAGNOSTICS.name]
-            for status in message.status
-            if status.name.endswith("driver: atmosphere")
-        ]
         wanted = {"ambient_pressure_pa (Pa)": f"{declared_pa:.0f}", "measured by vented channels": "yes"}
+        rows = probe.lines("driver: atmosphere")
         return [row for row in rows if wanted.items() <= {each.key: each.value for each in row.values}.items()]
 
     try:

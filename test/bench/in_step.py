@@ -83,13 +83,13 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
             probe.spin_until(lambda: _is_complete(probe), "command and acknowledgement are received")
             probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "the graph is up")
             whole.call(SET_PAUSED, data=False)
-            probe.spin_until(lambda: _time_s(probe) > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
+            probe.spin_until(lambda: probe.clock_s() > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
             steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
-            before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(cpu_s, steering))
+            before_s, begin_s, core_s = probe.clock_s(), time.perf_counter(), sum(map(cpu_s, steering))
             ticks = len(probe.received[CLOCK.name])
             end_s = begin_s + MEASURED_S
             probe.spin_until(lambda: time.perf_counter() > end_s, "it was measured", timeout_s=100.0 * MEASURED_S)
-            passed_s, simulated_s = time.perf_counter() - begin_s, _time_s(probe) - before_s
+            passed_s, simulated_s = time.perf_counter() - begin_s, probe.clock_s() - before_s
             used_s = sum(map(cpu_s, steering)) - core_s
             received = max(len(probe.received[CLOCK.name]) - ticks, 1)
             return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / received, _way_ms(probe)
@@ -159,11 +159,6 @@ def _relay_ms() -> float:
             return sorted(ways_ms)[len(ways_ms) // 2]
         finally:
             probe.close()
-
-
-def _time_s(probe: Probe) -> float:
-    tick = probe.last(CLOCK)
-    return tick.clock.sec + 1e-9 * tick.clock.nanosec if tick else 0.0
 
 
 def _stamp_s(message: object) -> float:

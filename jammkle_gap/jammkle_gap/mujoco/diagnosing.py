@@ -165,12 +165,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
 
 
 def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> list[str]:
-    """Refuse efforts that are of another unit or sign than the model's, as currents are; note those that may be.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse efforts that are of another unit or sign than the model's, as currents are; note those that may be."""
     robot = simulator.robot
     made = [simulator(each, {}) for each in recordings]
     found: dict[str, float] = {}
@@ -270,12 +265,7 @@ _SAID = 4
 
 
 def _check_names(given: RobotMap, runs: Sequence[Run], model: mujoco.MjModel) -> None:
-    """Refuse a map of joints that no recording, or no model, has.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse a map of joints that no recording, or no model, has."""
     recorded = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
     known = [model.joint(k).name for k in range(model.njnt)]
     for name, asked in given.joints.items():

@@ -202,12 +202,7 @@ def _number(name: str, value: Any, whose: str = "") -> float:
 
 
 def _check_key(model: mujoco.MjModel, name: str, key: str) -> None:
-    """Refuse a joint or a site that the model has not.
-
-    Raises:
-        ValueError: as said.
-
-    """
+    """Refuse a joint or a site that the model has not."""
     if name in _BY_SENSOR:
         what, known = "site", [model.site(k).name for k in range(model.nsite)]
         key = key if name == "sensor_turn" else key.rpartition("/")[0]

@@ -230,12 +230,7 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: f
 
 
 def _check_whole(robot: Robot, run: Run, begin_s: float) -> None:
-    """Refuse holes in a recording that is compared as a whole.
-
-    Raises:
-        BadRecordingError: as said.
-
-    """
+    """Refuse holes in a recording that is compared as a whole."""
     if holes := _holes(robot, run, begin_s):
         begin, end = holes[0]
         msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
