@@ -211,7 +211,9 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
-    joints += _places_of_base(robot)
+    if robot.floating:
+        first = int(model.joint(robot.floating).qposadr[0])
+        joints += range(first, first + len(BASE_COLUMNS))
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
     sensors = [int(model.sensor(f"{EFFORT_SENSOR}{name}").adr[0]) for name in sensed]
     sensors += _addresses(machine)
@@ -247,14 +249,6 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
         read += _between_ticks(machine, motion, asked, controls, joint, begins, signal.time_s, read)
         found[signal.name] = machine.effort_scale.get(joint, 1.0) * read
     return found
-
-
-def _places_of_base(robot: Robot) -> list[int]:
-    """Return where the position of a free base that was measured is."""
-    if not robot.floating:
-        return []
-    first = int(robot.model.joint(robot.floating).qposadr[0])
-    return list(range(first, first + len(BASE_COLUMNS)))
 
 
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:

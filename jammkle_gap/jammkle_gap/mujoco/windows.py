@@ -268,10 +268,10 @@ def _recording(
         for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
     ]
     if robot.floating:
-        moved = _base_tracks(run)
+        times_s, poses = run.base[0].time_s, np.column_stack([each.values for each in run.base])
         felt += [
-            _windowed(f"{BASE}/{name}", unit, track, begin_s, starts, length, noise)
-            for (name, unit, noise), track in zip(_OF_BASE, moved, strict=True)
+            _windowed(f"{BASE}/{name}", unit, Track(times_s, column), begin_s, starts, length, noise)
+            for (name, unit, noise), column in zip(_OF_BASE, coordinates_of(poses).T, strict=True)
         ]
     if robot.drives:
         signals = [_with_jitter(robot, run, motion, each) for each in signals]
@@ -287,12 +287,6 @@ _DRIFT = 0.005
 within a window, however finely it is read."""
 _OF_BASE = tuple((name, "m" if name in AXES else "rad", _DRIFT) for name in COORDINATES)
 """Signals of a free base: coordinate, unit and noise."""
-
-
-def _base_tracks(run: Run) -> list[Track]:
-    """Return the coordinates of the base, by `COORDINATES`."""
-    times = run.base[0].time_s
-    return [Track(times, column) for column in coordinates_of(np.column_stack([each.values for each in run.base])).T]
 
 
 def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[Signal, ...], tuple[str, ...]]:
