@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Bool
 
 from graph import TIMEOUT_S, Probe, environment
@@ -33,6 +32,8 @@ from landing_imu import IMPACT_M_S2, PlayedImu
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from diagnostic_msgs.msg import DiagnosticStatus
 
     from jammkle_sim.board_bench import BoardPlant
 
@@ -103,23 +104,15 @@ class Scene:
         if hasattr(self, "bench"):
             self.bench.close()
 
-    def line(self, name: str) -> DiagnosticStatus:
-        """Return the latest line on /diagnostics whose name ends so."""
-        for message in reversed(self.probe.received[DIAGNOSTICS.name]):
-            for status in message.status:
-                if status.name.endswith(name):
-                    return status
-        return DiagnosticStatus()
-
     def link(self) -> DiagnosticStatus:
         """Return the driver's latest line on the link."""
-        return self.line("driver: link")
+        return self.probe.line("driver: link")
 
     def know_atmosphere(self) -> None:
         """Wait until vented channels have shown the atmosphere, before which faults are found by time-outs alone."""
 
         def known() -> bool:
-            values = {each.key: each.value for each in self.line("driver: atmosphere").values}
+            values = {each.key: each.value for each in self.probe.line("driver: atmosphere").values}
             return values.get("measured by vented channels") == "yes"
 
         self.probe.spin_until(known, "the atmosphere is known")
@@ -238,94 +231,6 @@ def pump_off(_solenoids: int, duty: float) -> bool:
     return duty == 0.0
 
 
-def sigterm(scene: Scene) -> float:
-    """End the driver as `jammkle up` does."""
-    at_s = time.monotonic()
-    scene.ended = True
-    scene.driver.terminate()
-    return at_s
-
-
-def sigkill(scene: Scene) -> float:
-    """Kill the driver."""
-    at_s = time.monotonic()
-    scene.ended = True
-    scene.driver.kill()
-    return at_s
-
-
-def sigstop(scene: Scene) -> float:
-    """Let the driver stand still."""
-    at_s = time.monotonic()
-    os.kill(scene.driver.pid, signal.SIGSTOP)
-    return at_s
-
-
-def hang(scene: Scene) -> float:
-    """Let the driver's node hang while its threads live."""
-    at_s = time.monotonic()
-    os.kill(scene.driver.pid, signal.SIGUSR1)
-    return at_s
-
-
-def kill_controller(scene: Scene) -> float:
-    """Kill the controller that holds everything."""
-    at_s = time.monotonic()
-    if scene.controller is not None:
-        scene.controller.kill()
-    return at_s
-
-
-def stop_controller(scene: Scene) -> float:
-    """Let the controller that holds everything stand still."""
-    at_s = time.monotonic()
-    if scene.controller is not None:
-        os.kill(scene.controller.pid, signal.SIGSTOP)
-    return at_s
-
-
-def cable(scene: Scene) -> float:
-    """Pull the cable."""
-    at_s = time.monotonic()
-    scene.bench.tell("unplug")
-    return at_s
-
-
-def reset(scene: Scene) -> float:
-    """Press the board's reset button."""
-    at_s = time.monotonic()
-    scene.bench.tell("reset 2 30")
-    return at_s
-
-
-def brown_out(scene: Scene) -> float:
-    """Let the controller's own supply break down."""
-    at_s = time.monotonic()
-    scene.bench.tell("reset 4 30")
-    return at_s
-
-
-def supply(scene: Scene) -> float:
-    """Let the supply of pump and valves sag to 8 V."""
-    at_s = time.monotonic()
-    scene.bench.override_uv[SUPPLY_PIN] = SAGGED_UV
-    return at_s
-
-
-def sensor(scene: Scene) -> float:
-    """Break the wire of one channel's sensor: 0 V."""
-    at_s = time.monotonic()
-    scene.bench.override_uv[SENSOR_PIN] = 0
-    return at_s
-
-
-def emergency_stop(scene: Scene) -> float:
-    """Ask for a stop on the graph."""
-    at_s = time.monotonic()
-    scene.stop.publish(Bool(data=True))
-    return at_s
-
-
 def repair(scene: Scene) -> None:
     """Undo what was done, so that a jam is possible again."""
     scene.bench.override_uv.clear()
@@ -344,31 +249,67 @@ class Event:
     """What may happen to a jammed ankle.
 
     Attributes:
-        happen: Does it, and returns when, s of the monotonic clock.
+        act: Does it.
         bound_s: Within how long everything is off at the pins: of the watchdogs involved, and one cycle or tick each.
         jam: Jams everything before.
         fault: What a driver that lives says of the channels; UNKNOWN: they are in no FAULT.
 
     """
 
-    happen: Callable[[Scene], float]
+    act: Callable[[Scene], None]
     bound_s: float
     jam: Callable[[Scene], None] = Scene.jam
     fault: int = Fault.UNKNOWN
 
+    def happen(self, scene: Scene) -> float:
+        """Do it, and return when, s of the monotonic clock."""
+        at_s = time.monotonic()
+        self.act(scene)
+        return at_s
+
+
+def tell(text: str) -> Callable[[Scene], None]:
+    """Return what tells something to the board's process."""
+    return lambda scene: scene.bench.tell(text)
+
+
+def pin(number: int, voltage_uv: int) -> Callable[[Scene], None]:
+    """Return what lets a pin read a voltage."""
+    return lambda scene: scene.bench.override_uv.update({number: voltage_uv})
+
+
+def driver(number: signal.Signals) -> Callable[[Scene], None]:
+    """Return what sends a signal to the driver."""
+    return lambda scene: os.kill(scene.driver.pid, number)
+
+
+def driver_ends(number: signal.Signals) -> Callable[[Scene], None]:
+    """Return what ends the driver by a signal."""
+
+    def act(scene: Scene) -> None:
+        scene.ended = True
+        scene.driver.send_signal(number)
+
+    return act
+
+
+def controller(number: signal.Signals) -> Callable[[Scene], None]:
+    """Return what sends a signal to the controller that holds everything, if there is one."""
+    return lambda scene: scene.controller and scene.controller.send_signal(number)
+
 
 EVENTS = {
-    "emergency stop": Event(emergency_stop, 0.05),
-    "sensor of a channel breaks": Event(sensor, 0.1, fault=Fault.SENSOR_OUT_OF_RANGE),
-    "cable pulled": Event(cable, 0.21, fault=Fault.BOARD_UNPLUGGED),
-    "board reset": Event(reset, 0.01, fault=Fault.BOARD_REBOOTED),
-    "brown-out of the controller": Event(brown_out, 0.01, fault=Fault.BROWN_OUT),
-    "supply of pump and valves sags": Event(supply, 0.02, fault=Fault.BROWN_OUT),
-    "SIGSTOP of the driver": Event(sigstop, 0.21),
-    "driver's node hangs, its threads live": Event(hang, 0.42),
-    "kill -9 of the controller": Event(kill_controller, 0.6, Scene.jam_by_controller),
-    "SIGSTOP of the controller": Event(stop_controller, 0.6, Scene.jam_by_controller),
-    "SIGTERM of the driver": Event(sigterm, 0.05),
-    "kill -9 of the driver": Event(sigkill, 0.21),
+    "emergency stop": Event(lambda scene: scene.stop.publish(Bool(data=True)), 0.05),
+    "sensor of a channel breaks": Event(pin(SENSOR_PIN, 0), 0.1, fault=Fault.SENSOR_OUT_OF_RANGE),
+    "cable pulled": Event(tell("unplug"), 0.21, fault=Fault.BOARD_UNPLUGGED),
+    "board reset": Event(tell("reset 2 30"), 0.01, fault=Fault.BOARD_REBOOTED),
+    "brown-out of the controller": Event(tell("reset 4 30"), 0.01, fault=Fault.BROWN_OUT),
+    "supply of pump and valves sags": Event(pin(SUPPLY_PIN, SAGGED_UV), 0.02, fault=Fault.BROWN_OUT),
+    "SIGSTOP of the driver": Event(driver(signal.SIGSTOP), 0.21),
+    "driver's node hangs, its threads live": Event(driver(signal.SIGUSR1), 0.42),
+    "kill -9 of the controller": Event(controller(signal.SIGKILL), 0.6, Scene.jam_by_controller),
+    "SIGSTOP of the controller": Event(controller(signal.SIGSTOP), 0.6, Scene.jam_by_controller),
+    "SIGTERM of the driver": Event(driver_ends(signal.SIGTERM), 0.05),
+    "kill -9 of the driver": Event(driver_ends(signal.SIGKILL), 0.21),
 }
 """What may happen."""

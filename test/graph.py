@@ -16,18 +16,19 @@ from typing import TYPE_CHECKING, Any
 import psutil
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
-from jammkle_common.names import CHANNELS, CLOCK, JAM, JAM_STATE, Service, Topic
+from jammkle_common.names import CHANNELS, CLOCK, DIAGNOSTICS, JAM, JAM_STATE, Service, Topic
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.node import Node
 
@@ -50,6 +51,25 @@ def interface(name: str) -> Any:
 def environment(domain_id: int) -> dict[str, str]:
     """Environment in which a child sees only its own domain on this machine."""
     return {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def cpu_s(process: psutil.Process) -> float:
+    """Processor time that a process has taken, s."""
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
+@contextlib.contextmanager
+def running(domain_id: int, *commands: Sequence[str]) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run Python with these arguments, a process each, while the block lasts."""
+    processes = [subprocess.Popen([sys.executable, *each], env=environment(domain_id)) for each in commands]
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.wait()
 
 
 def messages_of(bag: Path, topic: str) -> list[Any]:
@@ -105,6 +125,20 @@ class Probe:
         """Latest message of `topic`; the first one is waited for."""
         self.spin_until(lambda: self.has(topic), f"{topic.name} is received")
         return self.received[topic.name][-1]
+
+    def lines(self, name: str) -> list[DiagnosticStatus]:
+        """Return every line on /diagnostics whose name ends so, in order."""
+        received = (line for array in self.received[DIAGNOSTICS.name] for line in array.status)
+        return [line for line in received if line.name.endswith(name)]
+
+    def line(self, name: str) -> DiagnosticStatus:
+        """Return the latest of them; an empty one where there is none."""
+        return (self.lines(name) or [DiagnosticStatus()])[-1]
+
+    def clock_s(self) -> float:
+        """Simulated time of the latest tick of /clock that was listened to, s; the first one is waited for."""
+        tick = self.last(CLOCK).clock
+        return float(tick.sec + tick.nanosec * 1e-9)
 
     def spin_until(self, holds: Callable[[], bool], what: str, timeout_s: float = TIMEOUT_S) -> None:
         """Serve callbacks until `holds()`; fail with the last messages if it never does.

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from jammkle_gap import Effect, EffectParameter, Library, Nuisance, Problem, Recording, Signal
+from jammkle_gap import Effect, EffectParameter, InfeasibleError, Library, Nuisance, Problem, Recording, Signal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    Simulator = Callable[[Recording, Mapping[str, float]], dict[str, NDArray[np.float64]]]
 
 STEP_S, STEPS, SUBSTEPS = 0.01, 250, 4
 TIMES_S = STEP_S * np.arange(STEPS)
@@ -56,6 +58,37 @@ def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDA
 def effect(name: str, parameter: str, unit: str, most: float) -> Effect:
     """Return an effect with one parameter that is off at 0."""
     return Effect(name, "pendulum", (EffectParameter(parameter, unit, 0.0, 0.0, most, "assumed"),), f"Check {name}.")
+
+
+def infeasible(where: Callable[[Recording, Mapping[str, float]], bool]) -> Simulator:
+    """Return the simulator, which cannot be run at some values."""
+
+    def limited(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        if where(recording, values):
+            raise InfeasibleError
+        return simulate(recording, values)
+
+    return limited
+
+
+class Sensed:
+    """An effect of sensors, which acts on what was measured; of one signal alone, or of all."""
+
+    def __init__(
+        self, name: str, act: Callable[[NDArray[np.float64], Mapping[str, float]], NDArray[np.float64]], only: str = ""
+    ) -> None:
+        self.effects = frozenset({name})
+        self._act, self._only = act, only
+
+    def knows(self, effect: str, signal: str) -> bool:
+        del effect
+        return self._only in {signal, ""}
+
+    def __call__(
+        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
+    ) -> dict[str, NDArray[np.float64]]:
+        del recording
+        return {name: self._act(each, values) if self.knows("", name) else each for name, each in measured.items()}
 
 
 TWIN = effect("twin", "share", "1", 0.8)

@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import textwrap
@@ -30,7 +29,7 @@ from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import LandingModel, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_driver.board.wiring import Register, RegisterList, register_list
+from jammkle_driver.board.wiring import RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
@@ -52,10 +51,6 @@ CONFIG = ROOT / "jammkle_bringup" / "config"
 HEADER = ROOT / "jammkle_driver" / "firmware" / "core" / "registers.h"
 OF_THE_DISTRIBUTION = ("numpy", "pyyaml")
 """Requirements that a sourced ROS has by itself."""
-READ_BY = {"coils": 1, "discrete_inputs": 2, "input_registers": 4, "holding_registers": 3}
-"""The tables of the Modbus data model, each with the function that reads it."""
-_AS_FIRST = "as of sensor 1"
-"""What the list notes of the calibration of the sensors that follow."""
 NODES: dict[str, type[ParameterClass]] = {
     "driver": DriverParameters,
     "controller": ControllerParameters,
@@ -141,11 +136,10 @@ def tables() -> dict[str, str]:
     made = {
         "topics": table(
             ("topic", "type", "delivery", "what"),
-            [(f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note) for t in TOPICS],
-        ),
-        "topics of robots": table(
-            ("topic", "type", "delivery", "what"),
-            [(f"`{t.name}`", f"`{t.message_type}`", t.kind.value, t.note) for t in ROBOT_TOPICS],
+            [
+                (f"`{any_channel(t.name)}`", f"`{t.message_type}`", t.kind.value, t.note)
+                for t in (*TOPICS, *ROBOT_TOPICS)
+            ],
         ),
         "services": table(
             ("service", "type", "what"),
@@ -195,7 +189,6 @@ def tables() -> dict[str, str]:
             for each in Detection
         ],
     )
-    made["registers"] = register_text(register_list())
     made["command"] = table(("verb", "argument or option", "what"), command_lines())
     made["sourced workspace"] = workspace_text()
     made["first session"] = f"```bash\n{(EXAMPLES / 'first_session.sh').read_text()}```"
@@ -344,39 +337,6 @@ def parameter_file_text(nodes: Sequence[NodeEntry], values: dict[str, dict[str, 
             value = yaml.safe_dump(values.get(entry.name, {}).get(row.name, row.default), default_flow_style=True)
             lines.append(f"    {row.name}: {value.splitlines()[0]}")
     return "\n".join(lines) + "\n"
-
-
-def register_text(registers: RegisterList) -> str:
-    """Return all registers of the firmware as a table, equal ones in one line, and what their bits are."""
-    lines = []
-    for name, function in READ_BY.items():
-        for _, found in itertools.groupby(registers.tables[name], _kind):
-            group = list(found)
-            first, last = group[0], group[-1]
-            own = first.note != _AS_FIRST
-            written = name == "holding_registers" and own
-            lines.append(
-                (
-                    f"{name.replace('_', ' ')} (read by function {function})",
-                    str(first.address) if first is last else f"{first.address} to {last.address}",
-                    f"`{first.name}`" if first is last else f"`{first.name}` to `{last.name}`",
-                    f"{first.per_step:g} {first.unit}".replace(" 1", "") if first.unit and own else "",
-                    f"{first.minimum} to {first.maximum}" if written else "",
-                    f"{first.default}{', can be stored' if first.stored else ''}" if written else "",
-                    first.note,
-                )
-            )
-    bits = [
-        f"Bits of `{name}`: " + ", ".join(f"{place} {bit}" for place, bit in enumerate(names)) + "."
-        for name, names in registers.bits.items()
-    ]
-    head = ("table", "address", "register", "unit of a step", "range", "default", "what")
-    return "\n".join([table(head, lines), "", *bits])
-
-
-def _kind(register: Register) -> str:
-    """What registers that follow each other have in common: their name but for a number, or their note."""
-    return register.note if register.note == _AS_FIRST else re.sub(r"\d", "", register.name)
 
 
 def header_text(registers: RegisterList) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_gap.mujoco.runs import Quantity, Run, run_of_arrays
+from jammkle_gap.mujoco.runs import AXES, Quantity, Run, Sense, run_of_arrays
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ SERVOS = """
 MOTORS = """
     <motor name="yaw" joint="yaw"/><motor name="shoulder" joint="shoulder"/><motor name="elbow" joint="elbow"/>
 """
+WRIST = '<site name="wrist" pos="0.02 0 0" euler="0 0.3 0"/>'
 RATE_HZ = 100
 STEP_RAD = 2.0 * np.pi / 8192.0
 """Of the encoders."""
@@ -63,11 +64,24 @@ if TYPE_CHECKING:
     Samples = dict[str, NDArray[np.float64]]
 
 
-def write_model(folder: Path, actuators: str = SERVOS) -> Path:
-    """Write the model into a folder, and return the file."""
+def write_model(folder: Path, actuators: str = SERVOS, *, wrist: bool = False) -> Path:
+    """Write the model into a folder, with a site on its tool where wanted, and return the file."""
     file = folder / "arm.xml"
-    file.write_text(MODEL.replace("ACTUATORS", actuators))
+    tool = '<inertial pos="0 0 0" mass="0.2"'
+    file.write_text(MODEL.replace("ACTUATORS", actuators).replace(tool, f"{WRIST if wrist else ''}{tool}"))
     return file
+
+
+def exactly(model: mujoco.MjModel) -> None:
+    """Give a machine the masses of the model."""
+    plain = mujoco.MjModel.from_xml_string(MODEL.replace("ACTUATORS", SERVOS))
+    model.body_mass[:], model.body_inertia[:] = plain.body_mass, plain.body_inertia
+
+
+def at_rest(recorded: Samples) -> Samples:
+    """Return what the sensors at the wrist would read if they were weightless and at rest: their noise."""
+    noise = np.random.default_rng(0).normal(0.0, 0.001, len(recorded["time_s"]))
+    return {f"wrist.{sense.value}.{axis}": noise for sense in Sense for axis in AXES}
 
 
 def samples(

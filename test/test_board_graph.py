@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 
-from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, OF_THE_PLANT, Scene, all_off, cable, hang, pump_off, repair
+from board_scene import EVENTS, EVERYTHING, HELD_VACUUM_PA, OF_THE_PLANT, Scene, all_off, pump_off, repair
 from boards import AVR
 from bought_board import OtherBoard
 from graph import TIMEOUT_S, environment
@@ -116,7 +116,7 @@ def test_stale_commands_vent_later_than_a_pulled_cable(make_scene: Callable[...,
     if not AVR:  # whose simulator, on a busy machine, may lose the line before
         assert stale_s >= STALE_S
     scene.jam()
-    assert scene.delay_s(cable(scene), all_off) < stale_s
+    assert scene.delay_s(EVENTS["cable pulled"].happen(scene), all_off) < stale_s
 
 
 def test_hold_keeps_tendons_connected_whatever_stops(make_scene: Callable[..., Scene]) -> None:
@@ -172,7 +172,7 @@ def test_unconfigured_it_touches_nothing_and_inactive_it_only_senses(make_scene:
         return bool(probe.call(CHANGE_STATE, transition=Transition(id=identifier)).success)
 
     probe.spin_until(lambda: "driver" in probe.node.get_node_names(), "the driver is there")
-    probe.spin_until(lambda: scene.line("driver: driver").message != "", "the driver reports")
+    probe.spin_until(lambda: scene.probe.line("driver: driver").message != "", "the driver reports")
     assert not any(edge.solenoids or edge.duty for edge in scene.bench.edges)
     assert scene.link() == DiagnosticStatus()  # nobody has opened the port
     assert probe.node.count_publishers(MANIFOLD_PRESSURE.name) == 0
@@ -218,7 +218,7 @@ def test_a_node_that_hangs_lets_go_of_a_bought_board(
     (tmp_path / "bought.yaml").write_text(OTHER_FIRMWARE)
     scene = make_scene(board_file=str(tmp_path / "bought.yaml"), safe_state=safe_state)
     scene.jam()
-    scene.delay_s(hang(scene), safe)
+    scene.delay_s(EVENTS["driver's node hangs, its threads live"].happen(scene), safe)
     assert scene.bench.edges[-1].solenoids == (EVERYTHING if safe_state == "hold" else 0)
     scene.wait_for_fault(Fault.BOARD_LET_GO)
     scene.jam()
@@ -251,13 +251,8 @@ def test_gauges_count_from_the_atmosphere_that_is_declared_now(
 
     def rows(declared_pa: float) -> list[DiagnosticStatus]:
         """Return each row on the atmosphere that names this parameter, once channels have shown it."""
-        rows = [
-            status
-            for message in probe.received[DIAGNOSTICS.name]
-            for status in message.status
-            if status.name.endswith("driver: atmosphere")
-        ]
         wanted = {"ambient_pressure_pa (Pa)": f"{declared_pa:.0f}", "measured by vented channels": "yes"}
+        rows = probe.lines("driver: atmosphere")
         return [row for row in rows if wanted.items() <= {each.key: each.value for each in row.values}.items()]
 
     try:

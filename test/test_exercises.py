@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,7 @@ from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import Timing
+from jammkle_gap.mujoco.effects import change_timing
 from jammkle_gap.mujoco.simulator import RobotSimulator, scale_of
 from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -76,7 +77,7 @@ def worst_limb_gap(bag: Path) -> float:
     runs, leg = matched(model, [bag])
     (compared,), _ = recordings_of(leg, runs, window_s=2.0, search_s=4.0)
     # servos take a set point a millisecond after it is due
-    simulator = RobotSimulator(leg, {"late": (("late",), (0.0,), Timing("arrival_s"))})
+    simulator = RobotSimulator(leg, {"late": (("late",), (0.0,), partial(change_timing, "arrival_s"))})
     made = simulator(compared, {"late": 0.001})
     angles = [each for each in compared.signals if each.name in {"hip/position", "knee/position"}]
     return max(float(np.sqrt(np.mean(((each.values - made[each.name]) / scale_of(each)) ** 2))) for each in angles)

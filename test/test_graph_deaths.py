@@ -52,8 +52,8 @@ class Witness:
 
     def see_each_other(self) -> bool:
         names = ("controller", "driver", "sim")
-        lines = [self.line(f"/{name}: nodes") for name in names]
-        return all(line is not None and all(name in line.message for name in names) for line in lines)
+        lines = [self.probe.line(f"/{name}: nodes").message for name in names]
+        return all(name in line for name in names for line in lines)
 
     def energised(self) -> bool:
         return any(self.probe.last(ACTUATOR_STATES).energised)
@@ -80,23 +80,13 @@ class Witness:
         """Whether all is vented for want of commands; on a machine too busy for its watchdog, the board is first."""
         return self.faults() <= {Fault.COMMANDS_STALE, Fault.BOARD_LET_GO} and not self.energised()
 
-    def line(self, name: str) -> Any:
-        """The latest line of that name, `/node: about`."""
-        for array in reversed(self.probe.received[DIAGNOSTICS.name]):
-            for status in array.status:
-                if status.name == name:
-                    return status
-        return None
-
     def missed(self, by: str, who: str) -> bool:
         del self.probe.received[DIAGNOSTICS.name][:-50]
-        line = self.line(f"/{by}: nodes")
-        return line is not None and f"{who} is dead" in line.message
+        return f"{who} is dead" in self.probe.line(f"/{by}: nodes").message
 
     def clock_missed(self, by: str) -> bool:
         del self.probe.received[DIAGNOSTICS.name][:-50]
-        line = self.line(f"/{by}: nodes")
-        return line is not None and line.message.startswith("/clock has not ticked")
+        return self.probe.line(f"/{by}: nodes").message.startswith("/clock has not ticked")
 
     def set_parameter(self, node: str, name: str, value: float) -> Any:
         client = self.probe.node.create_client(SetParameters, f"{node}/set_parameters")
@@ -125,9 +115,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     assert not refused.successful
     assert "70000" in refused.reason
     assert witness.set_parameter("driver", "ambient_pressure_pa", 80e3).successful
-    probe.spin_until(
-        lambda: (witness.line("/driver: atmosphere") or Bool()).level == b"\x01", "the parameter is doubted"
-    )
+    probe.spin_until(lambda: probe.line("/driver: atmosphere").level == b"\x01", "the parameter is doubted")
     probe.spin_until(
         lambda: witness.jammed() and witness.vacuum_pa() == pytest.approx(HELD_PA, abs=2.5e3), "it is held as before"
     )
@@ -172,7 +160,7 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     dead_s = processes.send("driver", signal.SIGKILL)
     witness.until("driver killed: released", dead_s, witness.let_go)
     witness.until("driver killed: reported", dead_s, lambda: witness.missed("sim", "driver"))
-    assert "released" in witness.line("/sim: commands").message
+    assert "released" in witness.probe.line("/sim: commands").message
     processes.start("driver", "use_sim_time:=true")
     witness.until("driver again: jammed", time.monotonic(), lambda: witness.energised() and witness.jammed())
 
@@ -211,10 +199,10 @@ def test_whoever_dies_the_ankle_is_safe_and_somebody_tells(  # noqa: PLR0915 - o
     processes.start("controller", "use_sim_time:=true")
     probe.received[DIAGNOSTICS.name].clear()
     probe.spin_until(
-        lambda: (line := witness.line("/driver: nodes")) is not None and "sim" in line.message,
+        lambda: "sim" in probe.line("/driver: nodes").message,
         "the driver receives the simulation's",
     )
-    probe.spin_until(lambda: witness.line("/controller: nodes") is not None, "the controller is there again")
+    probe.spin_until(lambda: probe.line("/controller: nodes").name != "", "the controller is there again")
 
     # The simulation dies: there is no ankle any more.
     dead_s = processes.send("sim", signal.SIGKILL)

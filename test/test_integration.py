@@ -122,11 +122,7 @@ def test_a_stack_around_one_ankle(run: Callable[..., subprocess.Popen[str]], pro
     )
     wanted = f"{NAMESPACE}/driver: {ACHILLES}"
     probe.spin_until(
-        lambda: any(
-            line.name == wanted and line.message.startswith("JAMMED")
-            for array in probe.received[DIAGNOSTICS.name]
-            for line in array.status
-        ),
+        lambda: any(line.message.startswith("JAMMED") for line in probe.lines(wanted)),
         "/diagnostics says JAMMED in words",
     )
     assert probe.call(UNJAM_ALL).success

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,9 +30,10 @@ from jammkle_common.names import (
 )
 from jammkle_common.qos import answer_qos
 from jammkle_msgs.msg import ChannelJamState
+from studies.faults.busy import busy_loops
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from processes import Processes
 
@@ -42,18 +42,6 @@ if TYPE_CHECKING:
 CHUNK_STEPS = 500
 """Steps of 0.5 ms that are taken at once."""
 EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "in_step.py"
-
-
-@contextmanager
-def busy_loops(count: int = 4) -> Iterator[None]:
-    """Keep the machine busy."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for each in loops:
-            each.kill()
-            each.wait()
 
 
 FOR_EVER = ("-p", "sim:lockstep_timeout_s:=0.0")
@@ -85,11 +73,7 @@ def ask_for_jams(probe: Probe) -> None:
 
 def reports(probe: Probe) -> str:
     """Return what was last reported of lockstep."""
-    for array in reversed(probe.received[DIAGNOSTICS.name]):
-        for status in array.status:
-            if status.name == "/sim: lockstep":
-                return str(status.message)
-    return ""
+    return str(probe.line("/sim: lockstep").message)
 
 
 def steps_in_progress(probe: Probe) -> Any:
@@ -225,15 +209,15 @@ def test_a_recorder_that_is_stopped_misses_nothing_and_shifts_nothing(
     probe = make_probe()
     up = start("up", "--record", "bag", "--speed", "0.3", "-p", "sim:lockstep_timeout_s:=5.0")
     probe.listen(CLOCK, DIAGNOSTICS)
-    probe.spin_until(lambda: simulated_s(probe) > 1.8, "the ankle is jammed")
+    probe.spin_until(lambda: probe.clock_s() > 1.8, "the ankle is jammed")
     recorder = next(each for each in up.children() if "record" in each.cmdline())
     recorder.send_signal(signal.SIGSTOP)
-    stopped_s = simulated_s(probe)
-    probe.spin_until(lambda: simulated_s(probe) > stopped_s + 0.5, "time has gone on without it")
+    stopped_s = probe.clock_s()
+    probe.spin_until(lambda: probe.clock_s() > stopped_s + 0.5, "time has gone on without it")
     probe.received[DIAGNOSTICS.name].clear()
     recorder.send_signal(signal.SIGCONT)
     probe.spin_until(lambda: reports(probe).startswith("in step") and "/recorder" in reports(probe), "it has caught up")
-    probe.spin_until(lambda: simulated_s(probe) > stopped_s + 2.0, "time goes on")
+    probe.spin_until(lambda: probe.clock_s() > stopped_s + 2.0, "time goes on")
     assert up.stop() == 0
     begin_ns, end_ns = round((stopped_s - 0.5) * 1e9), round((stopped_s + 1.5) * 1e9)
     found = recorded(bag_of(up), end_ns)
@@ -243,12 +227,6 @@ def test_a_recorder_that_is_stopped_misses_nothing_and_shifts_nothing(
     for topic in ("/achilles/solenoid", "/jam_command"):  # repeated at 20 Hz, on the grid of simulated time
         grid = {at_ns for at_ns, _ in found[topic] if at_ns > begin_ns and at_ns % 50_000_000 == 0}
         assert sorted(grid) == list(range(min(grid), max(grid) + 1, 50_000_000)), topic
-
-
-def simulated_s(probe: Probe) -> float:
-    """Return the time of the last tick, s; 0 before the first."""
-    tick = probe.last(CLOCK)
-    return tick.clock.sec + tick.clock.nanosec * 1e-9 if tick else 0.0
 
 
 def test_a_node_of_ones_own_takes_part_in_ten_lines(
@@ -285,11 +263,11 @@ def test_a_node_of_ones_own_takes_part_in_ten_lines(
             return reported in reports(probe)
 
         probe.spin_until(nonsense, reported)
-    before_s = simulated_s(probe)
+    before_s = probe.clock_s()
     go_on(probe, 1)
-    probe.spin_until(lambda: simulated_s(probe) > before_s, "time goes on by steps")
+    probe.spin_until(lambda: probe.clock_s() > before_s, "time goes on by steps")
     assert probe.call(SET_PAUSED, data=False).success
-    probe.spin_until(lambda: simulated_s(probe) > before_s + 0.5, "time runs on")
+    probe.spin_until(lambda: probe.clock_s() > before_s + 0.5, "time runs on")
 
 
 def test_a_reset_leaves_no_fault_behind(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
@@ -315,11 +293,11 @@ def test_a_simulation_that_is_started_anew_is_taken_up(processes: Processes, mak
     processes.start("driver", "use_sim_time:=true")
     processes.start("sim")
     probe.wait_for_channels(ChannelJamState.JAMMED)
-    probe.spin_until(lambda: simulated_s(probe) > 8.0, "it has gone on for longer than a discovery takes")
+    probe.spin_until(lambda: probe.clock_s() > 8.0, "it has gone on for longer than a discovery takes")
     processes.send("sim", signal.SIGKILL)
     processes.start("sim", "speed:=0.2")  # so that its first eight seconds are not missed
     probe.received[CLOCK.name].clear()
-    probe.spin_until(lambda: 0.0 < simulated_s(probe) < 8.0, "time has begun anew")
+    probe.spin_until(lambda: 0.0 < probe.clock_s() < 8.0, "time has begun anew")
     probe.received[DIAGNOSTICS.name].clear()
     probe.spin_until(lambda: reports(probe) == "in step: /controller, /driver", "both are taken up")
     probe.received[JAM_STATE.name].clear()

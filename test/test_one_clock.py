@@ -31,9 +31,7 @@ def test_two_simulations_that_make_the_clock_both_warn(processes: Processes, mak
     probe.listen(DIAGNOSTICS)
 
     def warned(name: str) -> bool:
-        reports = (status for array in probe.received[DIAGNOSTICS.name] for status in array.status)
-        latest = [status for status in reports if status.name == f"/{name}/sim: simulation"][-1:]
-        return any("/clock is made by 2 simulations: stop the others" in status.message for status in latest)
+        return "/clock is made by 2 simulations: stop the others" in probe.line(f"/{name}/sim: simulation").message
 
     probe.spin_until(lambda: warned("first") and warned("second"), "both warn")
     processes.send("second", signal.SIGTERM)
@@ -74,8 +72,8 @@ def test_a_pause_beside_anothers_clock_is_no_fault(processes: Processes, make_pr
     for paused in (True, False, True, False):
         assert probe.call(SET_PAUSED, data=paused).success
         probe.spin_until(lambda paused=paused: probe.last(ACTUATOR_STATES).plant_paused is paused, "it is known")
-        begun_s = ticked_s(probe)
-        probe.spin_until(lambda begun_s=begun_s: ticked_s(probe) > begun_s + PAUSE_S, "the clock has gone on")
+        begun_s = probe.clock_s()
+        probe.spin_until(lambda begun_s=begun_s: probe.clock_s() > begun_s + PAUSE_S, "the clock has gone on")
         state = probe.last(JAM_STATE)
         assert not state.fault.text
         assert {channel.state for channel in state.channels} == {ChannelJamState.JAMMED}
@@ -84,11 +82,4 @@ def test_a_pause_beside_anothers_clock_is_no_fault(processes: Processes, make_pr
 
 def in_step(probe: Probe) -> set[str]:
     """Return the nodes that a simulation is waiting for, or has been."""
-    statuses = (status for array in probe.received[DIAGNOSTICS.name] for status in array.status)
-    return {value.key for status in statuses if status.name.endswith(LOCKSTEP_LINE) for value in status.values}
-
-
-def ticked_s(probe: Probe) -> float:
-    """Return what the clock shows, s."""
-    clock = probe.last(CLOCK).clock
-    return float(clock.sec) + clock.nanosec * 1e-9
+    return {value.key for status in probe.lines(LOCKSTEP_LINE) for value in status.values}

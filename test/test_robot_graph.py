@@ -107,12 +107,6 @@ def period_ns(probe: Probe) -> int:
     return min((after - before for before, after in pairwise(ticks_ns)), default=PERIOD_NS + 1)
 
 
-def nodes_line(probe: Probe, of: str) -> DiagnosticStatus:
-    """Return whose messages a node last said that it receives."""
-    lines = [line for array in probe.received[DIAGNOSTICS.name] for line in array.status if line.name == f"{of}: nodes"]
-    return lines[-1] if lines else DiagnosticStatus()
-
-
 def test_an_ankle_and_the_simulation_above_it_miss_each_other(
     processes: Processes, make_probe: Callable[..., Probe]
 ) -> None:
@@ -124,22 +118,22 @@ def test_an_ankle_and_the_simulation_above_it_miss_each_other(
         processes.start(ankle, "use_sim_time:=true", module="jammkle_driver", namespace=f"/{ankle}")
     lost, kept = (f"{ankle}/driver" for ankle in QUADRUPED_ANKLES[:2])
     probe.spin_until(
-        lambda: all(name in nodes_line(probe, "/sim").message for name in (lost, kept)), "the simulation receives both"
+        lambda: all(name in probe.line("/sim: nodes").message for name in (lost, kept)), "the simulation receives both"
     )
-    probe.spin_until(lambda: "/sim" in nodes_line(probe, f"/{kept}").message, "the ankle receives the simulation's")
+    probe.spin_until(lambda: "/sim" in probe.line(f"/{kept}: nodes").message, "the ankle receives the simulation's")
     processes.send(QUADRUPED_ANKLES[0], signal.SIGKILL)
 
     def missed_alone() -> bool:
-        said = nodes_line(probe, "/sim").message
+        said = probe.line("/sim: nodes").message
         return f"{lost} is dead" in said and f"{kept} is dead" not in said
 
     probe.spin_until(missed_alone, "the driver is missed, and it alone")
-    found = nodes_line(probe, "/sim")
+    found = probe.line("/sim: nodes")
     assert found.level == DiagnosticStatus.ERROR
     assert float({each.key: each.value for each in found.values}[f"{lost}, silent for (s)"]) > 2.0
-    assert f"{lost} is dead" not in nodes_line(probe, f"/{kept}").message
+    assert f"{lost} is dead" not in probe.line(f"/{kept}: nodes").message
     processes.send("sim", signal.SIGKILL)
-    probe.spin_until(lambda: "/clock has not ticked" in nodes_line(probe, f"/{kept}").message, "the clock is missed")
+    probe.spin_until(lambda: "/clock has not ticked" in probe.line(f"/{kept}: nodes").message, "the clock is missed")
 
 
 def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
@@ -152,9 +146,7 @@ def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(
     probe.wait_until_up()
 
     def inputs() -> set[str]:
-        lines = [status for each in probe.received[DIAGNOSTICS.name] for status in each.status]
-        found = [line.message for line in lines if line.name.endswith("controller: inputs")]
-        return set(found[-1].removeprefix("beside the IMU: ").split(", ")) if found else set()
+        return set(probe.line("controller: inputs").message.removeprefix("beside the IMU: ").split(", "))
 
     probe.spin_until(lambda: {"gait phase", "planned contact"} <= inputs(), "the controller receives the gait")
     begun_at: list[float] = []

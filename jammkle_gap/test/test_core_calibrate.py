@@ -13,7 +13,6 @@ from jammkle_gap import (
     Constants,
     Effect,
     EffectParameter,
-    InfeasibleError,
     Library,
     Nuisance,
     Problem,
@@ -25,7 +24,7 @@ from jammkle_gap import (
 from jammkle_gap.core.calibrate import calibrate
 from jammkle_gap.core.scatter import Scatter, settings_of
 from jammkle_gap.core.simulate import Runner
-from pendulums import LIBRARY, PROBLEM, machine, simulate
+from pendulums import LIBRARY, PROBLEM, infeasible, machine
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,12 +85,7 @@ def test_a_machine_that_cannot_make_all_runs_is_not_calibrated(count: int) -> No
     made = machine(23)
     made.constants = {"arm.mass": 1.12, "servo.stiffness": 1.0}
     runs, references = made.record(3, {"rubbing.torque": 0.1}), made.record(count)
-
-    def fragile(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        if recording.name == runs[-1].name and values.get("arm.mass", 1.0) > 1.04:
-            raise InfeasibleError
-        return simulate(recording, values)
-
+    fragile = infeasible(lambda run, values: run.name == runs[-1].name and values.get("arm.mass", 1.0) > 1.04)
     found = diagnose(runs, replace(PROBLEM, simulator=fragile), references=references, jobs=1)
     assert all(abs(each) == 0.0 for each in found.calibration.values())
     assert found.verdict is not Verdict.NO_GAP

@@ -11,7 +11,6 @@ import pytest
 from jammkle_gap import (
     BadRecordingError,
     Experiment,
-    InfeasibleError,
     Library,
     Nuisance,
     Problem,
@@ -24,7 +23,20 @@ from jammkle_gap import (
 )
 from jammkle_gap.core.signatures import grid_of
 from pendulums import CONSTANTS as PENDULUM_CONSTANTS
-from pendulums import LIBRARY, NOISE_RAD, PROBLEM, SCATTER, STEPS, TIMES_S, TWIN, effect, machine, simulate
+from pendulums import (
+    LIBRARY,
+    NOISE_RAD,
+    PROBLEM,
+    SCATTER,
+    STEPS,
+    TIMES_S,
+    TWIN,
+    Sensed,
+    effect,
+    infeasible,
+    machine,
+    simulate,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -140,12 +152,7 @@ def test_an_error_of_a_users_simulator_reaches_the_user() -> None:
 
 def test_parameters_that_cannot_be_simulated_are_no_explanation() -> None:
     """Where a simulator blows up, the answer is found among what it can run."""
-
-    def limited(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        if values.get("load.share", 0.0) > 0.4 or values.get("oil.drag", 0.0) > 0.0:
-            raise InfeasibleError
-        return simulate(recording, values)
-
+    limited = infeasible(lambda _, values: values.get("load.share", 0.0) > 0.4 or values.get("oil.drag", 0.0) > 0.0)
     made = machine(10)
     problem = replace(PROBLEM, simulator=limited)
     found = diagnose(made.record(3, LOAD), problem, references=made.record(5), jobs=1)
@@ -154,11 +161,7 @@ def test_parameters_that_cannot_be_simulated_are_no_explanation() -> None:
 
 def test_a_simulator_that_cannot_run_a_recording_at_all_is_refused() -> None:
     """Rather than taken for one that agrees with it."""
-
-    def never(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        del recording, values
-        raise InfeasibleError
-
+    never = infeasible(lambda _recording, _values: True)
     with pytest.raises(SimulatorError, match="without any effect"):
         diagnose(machine(1).record(1), replace(PROBLEM, simulator=never), jobs=1)
     with pytest.raises(SimulatorError, match="angle"):
@@ -290,15 +293,9 @@ def test_calibration_is_told_and_needs_references() -> None:
 
 def test_a_constant_that_cannot_be_simulated_is_stepped_around() -> None:
     """A simulator that blows up at a lighter arm is calibrated all the same."""
-
-    def fragile(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        if values.get("arm.mass", 1.0) > 1.04:
-            raise InfeasibleError
-        return simulate(recording, values)
-
     made = machine(19)
     made.constants = {"arm.mass": 1.0, "servo.stiffness": 1.1}
-    problem = replace(PROBLEM, simulator=fragile)
+    problem = replace(PROBLEM, simulator=infeasible(lambda _, values: values.get("arm.mass", 1.0) > 1.04))
     found = diagnose(made.record(3, LOAD), problem, references=made.record(5), jobs=1)
     assert found.calibration.get("servo.stiffness", 0.0) > 1.0
     assert np.isfinite(found.references_left)
@@ -306,27 +303,14 @@ def test_a_constant_that_cannot_be_simulated_is_stepped_around() -> None:
 
 def test_effects_of_sensors_act_on_what_was_measured() -> None:
     """An encoder that is turned on its shaft is found however wrong the simulator is."""
-
-    class Encoder:
-        effects = frozenset({"encoder"})
-
-        def knows(self, effect: str, signal: str) -> bool:
-            del effect, signal
-            return True
-
-        def __call__(
-            self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
-        ) -> dict[str, NDArray[np.float64]]:
-            del recording
-            return {"angle": measured["angle"] + values.get("encoder.turn", 0.0)}
-
+    encoder = Sensed("encoder", lambda angle, values: angle + values.get("encoder.turn", 0.0))
     made = machine(23)
     runs = [
         replace(run, signals=(replace(run.signals[0], values=run.signals[0].values + 0.02),)) for run in made.record(3)
     ]
     library = Library((*LIBRARY, effect("encoder", "turn", "rad", 0.1)))
     wrong = replace(PROBLEM, simulator=lambda recording, values: {"angle": 0.8 * simulate(recording, values)["angle"]})
-    problem = replace(wrong, library=library, sensing=Encoder())
+    problem = replace(wrong, library=library, sensing=encoder)
     found = diagnose(runs, problem, references=made.record(5), jobs=1)
     assert [each.name for each in found.effects] == ["encoder"]
     assert found.effects[0].parameters[0].value == pytest.approx(0.02, rel=0.1)

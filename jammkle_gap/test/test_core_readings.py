@@ -12,7 +12,7 @@ from jammkle_gap.core.fit import Signatures
 from jammkle_gap.core.scatter import settings_of
 from jammkle_gap.core.signatures import sensed_difference, with_readings
 from jammkle_gap.core.simulate import Runner
-from pendulums import effect
+from pendulums import Sensed, effect
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,20 +26,9 @@ HEALTHY, ANSWER = np.sin(3.0 * TIMES_S), np.sin(3.0 * TIMES_S + 0.8)
 """What a regulator does on a healthy machine, and how it answers a late sensor."""
 
 
-class Late:
-    """A sensor that reads late."""
-
-    effects = frozenset({"late"})
-
-    def knows(self, effect: str, signal: str) -> bool:
-        del effect, signal
-        return True
-
-    def __call__(
-        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
-    ) -> dict[str, NDArray[np.float64]]:
-        del recording
-        return {name: np.interp(TIMES_S - values["late.by"], TIMES_S, each) for name, each in measured.items()}
+def late(read: NDArray[np.float64], values: Mapping[str, float]) -> NDArray[np.float64]:
+    """Read late."""
+    return np.interp(TIMES_S - values["late.by"], TIMES_S, read)
 
 
 def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
@@ -55,7 +44,7 @@ def run(name: str, command: NDArray[np.float64], late_s: float = 0.0) -> Recordi
     return Recording(name, signals, command, setting="same")
 
 
-PROBLEM = Problem(simulate, Library((effect("late", "by", "s", 0.2),)), sensing=Late())
+PROBLEM = Problem(simulate, Library((effect("late", "by", "s", 0.2),)), sensing=Sensed("late", late))
 RUNNER = Runner(PROBLEM, 1)
 
 
@@ -87,24 +76,8 @@ def test_a_problem_without_sensing_needs_no_readings() -> None:
     assert runner.runs == 0
 
 
-class LateCommand:
-    """A command that arrives late: the level follows it alone, the other signal is the simulator's."""
-
-    effects = frozenset({"late"})
-
-    def knows(self, effect: str, signal: str) -> bool:
-        del effect
-        return signal == "level"
-
-    def __call__(
-        self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
-    ) -> dict[str, NDArray[np.float64]]:
-        del recording
-        return {**measured, "level": np.interp(TIMES_S - values["late.by"], TIMES_S, measured["level"])}
-
-
 def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> None:
-    """The level moves as measured, beside a simulated effect on it; the other signal as simulated, with both."""
+    """The level follows a late command as measured, beside a simulated effect; the other signal is simulated."""
 
     def both(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         command = np.interp(TIMES_S - values.get("late.by", 0.0), TIMES_S, recording.inputs)
@@ -112,14 +85,14 @@ def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> Non
         return {"level": 2.0 * gain * command, "other": gain * command}
 
     library = Library((effect("late", "by", "s", 0.2), effect("gain", "by", "1", 0.5)))
-    problem = Problem(both, library, sensing=LateCommand())
+    problem = Problem(both, library, sensing=Sensed("late", late, only="level"))
     settings = settings_of([run("faulty", ANSWER, 0.05)], [run("healthy", HEALTHY)], problem)
     runner = Runner(problem, 1)
     settings = with_readings(settings, problem, runner)
     values = {"late.by": 0.05, "gain.by": 0.1}
     (found,) = Signatures(problem, settings, {}).parts(values) or ()
     level, other = settings[0].layout.by_signal(found)
-    late = np.interp(TIMES_S - 0.05, TIMES_S, ANSWER)
+    command = np.interp(TIMES_S - 0.05, TIMES_S, ANSWER)
     shifted = np.interp(TIMES_S - 0.05, TIMES_S, 2.0 * ANSWER + WRONG) - 2.0 * ANSWER - WRONG
 
     def binned(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -127,4 +100,4 @@ def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> Non
         return bins
 
     assert level == pytest.approx(binned(shifted + 0.2 * ANSWER), abs=0.02)
-    assert other == pytest.approx(binned(1.1 * late - ANSWER), abs=0.02)
+    assert other == pytest.approx(binned(1.1 * command - ANSWER), abs=0.02)

@@ -11,7 +11,8 @@ import pytest
 from jammkle_common import names
 from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.inputs import known_options
-from jammkle_gap.monitor.twin import GapMonitor, GapState, MonitorSettings
+from jammkle_gap.monitor.parameters import GapMonitorParameters
+from jammkle_gap.monitor.twin import GapMonitor, GapState
 from jammkle_sim.rigs.catalogue import run_rig
 from jammkle_sim.rigs.landing import LandingRunOptions
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from jammkle_gap.monitor.twin import SubsystemReport
     from jammkle_sim.rigs.rig import Rig
 
-SETTINGS = MonitorSettings(window_s=2.0, limit=4.0, hold_s=0.3, silence_s=1.0, command_jitter_s=0.005)
+SETTINGS = GapMonitorParameters(hold_s=0.3, command_jitter_s=0.005)
 EFFECTS = {
     "pneumatics": ("line_leak_manifold.conductance_dm3_s_bar", 0.004),
     "tendon": ("fibre_loss_achilles_left.lost", 0.4),

@@ -32,7 +32,6 @@ STEP_S = 0.002
 """Of the arm's model."""
 LENGTH_S, SETTLED_S = 2.5, 0.8
 GIVEN = {name: {"kp": kp, "kd": kd} for name, kp, kd in (("yaw", 60, 3), ("shoulder", 120, 5), ("elbow", 60, 2.5))}
-SITE = '<site name="wrist" pos="0.02 0 0" euler="0 0.3 0"/><inertial pos="0 0 0" mass="0.2"'
 GEARED = """
     <position name="yaw" joint="yaw" kp="0.6" kv="0.03" gear="10" forcerange="-8 6"/>
     <position name="shoulder" joint="shoulder" kp="120" kv="5" gear="-1"/>
@@ -53,8 +52,7 @@ def commanded(*, fed: bool = False, sensors: bool = False) -> dict[str, np.ndarr
             found[f"command.{joint}.velocity"] = np.gradient(found[f"command.{joint}.position"], time_s)
             found[f"command.{joint}.effort"] = 2.0 * np.sin(4.0 * time_s)
     if sensors:
-        noise = np.random.default_rng(0).normal(0.0, 0.001, len(time_s))
-        found |= {f"wrist.{sense.value}.{axis}": noise for sense in Sense for axis in AXES}
+        found |= robot_arm.at_rest(found)
     return found
 
 
@@ -62,8 +60,7 @@ def arm(
     folder: Path, samples: Mapping[str, np.ndarray], actuators: str, given: Any
 ) -> tuple[RobotSimulator, Recording]:
     """Return the simulator of the arm with all that it is offered, and what was recorded: one window from the start."""
-    file = robot_arm.write_model(folder, actuators)
-    file.write_text(file.read_text().replace('<inertial pos="0 0 0" mass="0.2"', SITE))
+    file = robot_arm.write_model(folder, actuators, wrist=True)
     runs, robot = matched(file, [robot_arm.run("one", samples)], given)
     (recording,), _ = recordings_of(robot, runs, LENGTH_S, LENGTH_S)
     changes = offer_of(robot, scales_of(robot, [recording])).changes

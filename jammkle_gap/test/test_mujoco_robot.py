@@ -14,7 +14,7 @@ from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.corrected import corrected_of
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import FloorGive, scales_of
+from jammkle_gap.mujoco.effects import change_give, scales_of
 from jammkle_gap.mujoco.offer import groups_of, offer_of
 from jammkle_gap.mujoco.runs import (
     AXES,
@@ -70,11 +70,7 @@ def test_joint_states_of_several_topics_are_asked_for(tmp_path: Path, recorded: 
 
 def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """A CSV file with the same columns is the same run."""
-    names = list(recorded)
-    file = tmp_path / "run.csv"
-    rows = np.column_stack([recorded[name] for name in names])
-    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
-    run = run_of_csv(file)
+    run = run_of_csv(robot_arm.write_csv(tmp_path / "run.csv", recorded))
     assert np.allclose(run.measured["elbow", Quantity.POSITION].values, recorded["elbow.position"])
     assert np.allclose(run.commands["elbow", Quantity.POSITION].at(recorded["time_s"][:-1] + 1e-3),
                        recorded["command.elbow.position"][:-1])  # fmt: skip
@@ -366,9 +362,8 @@ def noise_of(unit: str) -> float:
 def exact(change: robot_arm.Change | None, late_s: float) -> robot_arm.Samples:
     """Return samples of a machine whose constants are those of the model."""
 
-    def undone(model: object) -> None:
-        plain = robot_arm.mujoco.MjModel.from_xml_string(robot_arm.MODEL.replace("ACTUATORS", robot_arm.SERVOS))
-        model.body_mass[:], model.body_inertia[:] = plain.body_mass, plain.body_inertia
+    def undone(model: mujoco.MjModel) -> None:
+        robot_arm.exactly(model)
         if change is not None:
             change(model)
 
@@ -441,7 +436,7 @@ def test_body_sinks_deeper_into_a_floor_that_gives(solref: str) -> None:
     depths_m = []
     for scale in (1.0, 2.0):
         model = robot_arm.mujoco.MjModel.from_xml_string(BALL.replace("SOLREF", solref))
-        FloorGive()(cast("Machine", SimpleNamespace(model=model)), [scale])
+        change_give(cast("Machine", SimpleNamespace(model=model)), [scale])
         data = robot_arm.mujoco.MjData(model)
         robot_arm.mujoco.mj_step(model, data, 2000)
         depths_m.append(0.1 - float(data.qpos[2]))
@@ -501,26 +496,11 @@ def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
     assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2
 
 
-SITE = '<site name="wrist" pos="0.02 0 0" euler="0 0.3 0"/>'
-
-
-def with_wrist(folder: Path) -> Path:
-    """Return the model with a site on its tool."""
-    model = robot_arm.write_model(folder)
-    inertia = '<inertial pos="0 0 0" mass="0.2"'
-    model.write_text(model.read_text().replace(inertia, SITE + inertia))
-    return model
-
-
-def at_rest(samples: robot_arm.Samples) -> robot_arm.Samples:
-    """Return what the sensors at the wrist would read if they were weightless and at rest: their noise."""
-    noise = np.random.default_rng(0).normal(0.0, 0.001, len(samples["time_s"]))
-    return {f"wrist.{sense.value}.{axis}": noise for sense in Sense for axis in AXES}
-
-
 def sensed(folder: Path, samples: robot_arm.Samples) -> dict[str, np.ndarray]:
     """Return what the sensors at the wrist of a model would read of motion and commands, by signal."""
-    runs, robot = matched(with_wrist(folder), [robot_arm.run("one", {**samples, **at_rest(samples)})])
+    runs, robot = matched(
+        robot_arm.write_model(folder, wrist=True), [robot_arm.run("one", {**samples, **robot_arm.at_rest(samples)})]
+    )
     (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
     made = RobotSimulator(robot, {})(compared, {})
     return {name: values for name, values in made.items() if name.startswith("wrist/")}
@@ -551,7 +531,9 @@ def test_errors_of_sensors_change_their_readings_alone(
     tmp_path: Path, recorded: robot_arm.Samples, effect: str, value: float, signal: str, moved: float | None
 ) -> None:
     """Zero, scale and mounting change what a sensor reads, and no joint."""
-    runs, robot = matched(with_wrist(tmp_path), [robot_arm.run("one", {**recorded, **at_rest(recorded)})])
+    runs, robot = matched(
+        robot_arm.write_model(tmp_path, wrist=True), [robot_arm.run("one", {**recorded, **robot_arm.at_rest(recorded)})]
+    )
     (compared,), _ = recordings_of(robot, runs, 2.0, 4.0)
     offer = offer_of(robot, scales_of(robot, [compared]))
     simulator = RobotSimulator(robot, offer.changes)
@@ -566,7 +548,7 @@ def test_errors_of_sensors_change_their_readings_alone(
 def test_bag_says_where_its_sensors_are(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """An IMU whose frame is no site of the model is left out by name; the map says where it is."""
     bag = robot_arm.write_bag(tmp_path / "bag", recorded, imu_frame="imu_link")
-    model = with_wrist(tmp_path)
+    model = robot_arm.write_model(tmp_path, wrist=True)
     _, robot = matched(model, [bag])
     assert not robot.senses
     assert any("sensors: {imu_link: SITE}" in note for note in robot.notes)

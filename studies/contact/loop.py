@@ -47,19 +47,6 @@ ROBOT_TICK_RATE_HZ = RobotParameters().clock_rate_hz
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "a simulation in this process")
 
 
-class _Regular:
-    """Tells whether a multiple of a period has been passed, as a node in lockstep does."""
-
-    def __init__(self, period_s: float) -> None:
-        self._period_ns = round(period_s * NANOSECONDS_PER_SECOND)
-        self._last_ns = 0
-
-    def due(self, time_ns: int) -> bool:
-        """Whether it is due at a time, ns, later than that of the call before."""
-        last_ns, self._last_ns = self._last_ns, time_ns
-        return time_ns // self._period_ns > last_ns // self._period_ns
-
-
 class AnkleLoop:
     """Controller and driver of one simulated ankle. They receive what they would on the graph, at the same times."""
 
@@ -101,10 +88,9 @@ class AnkleLoop:
         self._obeyed = self.driver.command
         self._acknowledged: list[tuple[int, ActuatorCommand]] = [(0, self._obeyed)]
         self._acknowledged_lately = True
-        self._states, self._ticks = _Regular(STATE_PERIOD_S), _Regular(1.0 / tick_rate_hz)
-        self._commands, self._driver_ticks, self._driver_states = (
-            _Regular(period_s) for period_s in (1.0 / controller.command_rate_hz, TICK_PERIOD_S, DRIVER_STATE_PERIOD_S)
-        )
+        self._tick_period_s = 1.0 / tick_rate_hz
+        self._stepped_ns = self._ticked_ns = 0
+        """Time of the last step, and of the last tick before this one."""
         now = _instant(0)
         self.driver.activate(now)
         self._settle(now, 0)
@@ -112,7 +98,7 @@ class AnkleLoop:
     def step(self, time_s: float) -> ImuSample:
         """Feel at a time, s, which must rise, and drive if /clock ticks then; return what the IMU read."""
         time_ns = round(time_s * NANOSECONDS_PER_SECOND)
-        states = self._states.due(time_ns)
+        states = _passed(STATE_PERIOD_S, self._stepped_ns, time_ns)
         if states:
             self._sensed += self._reported(time_ns)
             if not self._acknowledged_lately:
@@ -127,11 +113,13 @@ class AnkleLoop:
             moves = self._body()
             twist = BodyTwist(time_ns, moves.linear_m_s, moves.angular_rad_s)
             self._sensed.append(partial(self.controller.take, Received(time_ns, twist)))
-        if self._ticks.due(time_ns):
+        if _passed(self._tick_period_s, self._stepped_ns, time_ns):
             said, self._said = self._said, None
             asked, self._asked = self._asked, []
             self._control(time_ns, said)
             self._drive(time_ns, asked)
+            self._ticked_ns = time_ns
+        self._stepped_ns = time_ns
         return sample
 
     def _control(self, time_ns: int, said: Stored | None) -> None:
@@ -145,7 +133,7 @@ class AnkleLoop:
                 if reaction.changed:
                     self._command(time_ns)
         self._sensed.clear()
-        if self._commands.due(time_ns):
+        if _passed(1.0 / self._parameters.command_rate_hz, self._ticked_ns, time_ns):
             self._command(time_ns)
 
     def _command(self, time_ns: int) -> None:
@@ -169,11 +157,11 @@ class AnkleLoop:
                 self.driver.measure(PressureSample(place, pressure_pa, at_ns / NANOSECONDS_PER_SECOND), now)
                 self._settle(now, time_ns)
         self._measured.clear()
-        if self._driver_ticks.due(time_ns):
+        if _passed(TICK_PERIOD_S, self._ticked_ns, time_ns):
             self.driver.tick(now, 0)
             self.driver.look_at_link(_CONNECTED, now)
             self._settle(now, time_ns)
-        if self._driver_states.due(time_ns):
+        if _passed(DRIVER_STATE_PERIOD_S, self._ticked_ns, time_ns):
             self._say()
         if self.driven and self.driven[-1][0] == time_ns:
             self._acknowledge(time_ns)
@@ -224,6 +212,12 @@ class AnkleLoop:
             velocity=[rates.get(joint, 0.0) for joint in positions],
             effort=[] if efforts is None else [efforts.get(joint, 0.0) for joint in positions],
         )
+
+
+def _passed(period_s: float, since_ns: int, time_ns: int) -> bool:
+    """Whether a multiple of a period lies after one time and up to another, as `LockstepNode` goes by."""
+    period_ns = round(period_s * NANOSECONDS_PER_SECOND)
+    return time_ns // period_ns > since_ns // period_ns
 
 
 def _instant(time_ns: int) -> Instant:

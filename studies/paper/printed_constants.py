@@ -36,93 +36,42 @@ SAMPLES, PULL_S, BIN_S = 17, 4.0, 0.5
 """What one row is handed over as: so many times its mean over the time of a pull."""
 STEP_PER_DEVIATION = 12.0**0.5
 """Resolution whose error has a standard deviation of 1. No average removes it, unlike noise."""
-LIBRARY = Library(
-    (
-        Effect(
-            "soft_c1",
-            "soft section",
-            (
-                EffectParameter(
-                    "c1",
-                    "MPa",
-                    PRINTED.fibres.c1_pa / PA_PER_MPA,
-                    0.004,
-                    0.25,
-                    "a third of what is printed (assumed), to hardness: 0.23 MPa at Shore A-35 by Gent's relation",
-                ),
-            ),
-            "The first Yeoh constant of Shore A-30 is misprinted: stretch a bar of it by a tenth.",
-        ),
-        Effect(
-            "soft_c3",
-            "soft section",
-            (
-                EffectParameter(
-                    "c3",
-                    "MPa",
-                    PRINTED.fibres.c3_pa / PA_PER_MPA,
-                    0.0,
-                    0.062,
-                    "assumed: up to ten times what is printed",
-                ),
-            ),
-            "The third Yeoh constant of Shore A-30 is misprinted: stretch a bar of it to twice its length.",
-        ),
-        Effect(
-            "stiff_modulus",
-            "stiff section",
-            (
-                EffectParameter(
-                    "modulus",
-                    "MPa",
-                    PRINTED.fibres.modulus_pa / PA_PER_MPA,
-                    3.0,
-                    14.0,
-                    "under half of what is printed (assumed), to hardness: 13.2 MPa at Shore A-85 by Gent's relation",
-                ),
-            ),
-            "The modulus of Shore A-85 is misprinted: stretch a bar of it.",
-        ),
-        Effect(
-            "relaxation",
-            "both sections",
-            (EffectParameter("share", "1", 0.0, 0.0, 2.0, "assumed: up to twice what fits the drop test"),),
-            "The material relaxes, and the constants are long-term ones: pull ten times slower.",
-        ),
-        Effect(
-            "friction_scale",
-            "jamming",
-            (EffectParameter("scale", "1", 1.0, 0.0, 2.0, "assumed: none to twice what is printed"),),
-            "Fibres rub more or less than printed: measure the friction of a pair.",
-        ),
-        Effect(
-            "friction_onset",
-            "jamming",
-            (EffectParameter("vacuum", "kPa", 0.0, 0.0, 25.0, "assumed: below -30 kPa, where it plainly acts"),),
-            "Fibres touch only from some vacuum on: look at how loosely the membrane sits.",
-        ),
-        Effect(
-            "membrane_grip",
-            "membrane",
-            (EffectParameter("grip", "N/kPa", 0.0, 0.0, 0.1, "assumed: 5 N at -50 kPa"),),
-            "The membrane grips the fibres under vacuum: pull an evacuated membrane alone.",
-        ),
-        Effect(
-            "vacuum_stiffening",
-            "membrane",
-            (EffectParameter("gain", "1", 0.0, 0.0, 0.5, "assumed: half as stiff again at -50 kPa"),),
-            "Fibres stiffen under vacuum: pull a single-material tendon at several vacuums.",
-        ),
-        Effect(
-            "load_cell_gain",
-            "sensing",
-            (EffectParameter("gain", "1", 1.0, 0.9, 1.1, "assumed: a careless calibration"),),
-            "Hang a known weight on the load cell.",
-        ),
-    )
+
+
+def _effect(
+    name: str, part: str, parameter: str, unit: str, bounds: tuple[float, float, float], source: str, advice: str
+) -> Effect:
+    """Return an effect with one parameter, by the value at which it is off, and the least and the largest."""
+    return Effect(name, part, (EffectParameter(parameter, unit, *bounds, source),), advice)
+
+
+_C1, _C3, _MODULUS = (
+    each / PA_PER_MPA for each in (PRINTED.fibres.c1_pa, PRINTED.fibres.c3_pa, PRINTED.fibres.modulus_pa)
 )
-
-
+LIBRARY = Library((
+    _effect("soft_c1", "soft section", "c1", "MPa", (_C1, 0.004, 0.25),
+            "a third of what is printed (assumed), to hardness: 0.23 MPa at Shore A-35 by Gent's relation",
+            "The first Yeoh constant of Shore A-30 is misprinted: stretch a bar of it by a tenth."),
+    _effect("soft_c3", "soft section", "c3", "MPa", (_C3, 0.0, 0.062), "assumed: up to ten times what is printed",
+            "The third Yeoh constant of Shore A-30 is misprinted: stretch a bar of it to twice its length."),
+    _effect("stiff_modulus", "stiff section", "modulus", "MPa", (_MODULUS, 3.0, 14.0),
+            "under half of what is printed (assumed), to hardness: 13.2 MPa at Shore A-85 by Gent's relation",
+            "The modulus of Shore A-85 is misprinted: stretch a bar of it."),
+    _effect("relaxation", "both sections", "share", "1", (0.0, 0.0, 2.0),
+            "assumed: up to twice what fits the drop test",
+            "The material relaxes, and the constants are long-term ones: pull ten times slower."),
+    _effect("friction_scale", "jamming", "scale", "1", (1.0, 0.0, 2.0), "assumed: none to twice what is printed",
+            "Fibres rub more or less than printed: measure the friction of a pair."),
+    _effect("friction_onset", "jamming", "vacuum", "kPa", (0.0, 0.0, 25.0),
+            "assumed: below -30 kPa, where it plainly acts",
+            "Fibres touch only from some vacuum on: look at how loosely the membrane sits."),
+    _effect("membrane_grip", "membrane", "grip", "N/kPa", (0.0, 0.0, 0.1), "assumed: 5 N at -50 kPa",
+            "The membrane grips the fibres under vacuum: pull an evacuated membrane alone."),
+    _effect("vacuum_stiffening", "membrane", "gain", "1", (0.0, 0.0, 0.5), "assumed: half as stiff again at -50 kPa",
+            "Fibres stiffen under vacuum: pull a single-material tendon at several vacuums."),
+    _effect("load_cell_gain", "sensing", "gain", "1", (1.0, 0.9, 1.1), "assumed: a careless calibration",
+            "Hang a known weight on the load cell."),
+))  # fmt: skip
 NULL = {effect.key(each): each.null for effect in LIBRARY for each in effect.parameters}
 
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
-import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
@@ -22,8 +21,8 @@ from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Bool
 
-from echo import ECHO_TOPIC, MARK, SECOND_ECHO_NODE, SECOND_ECHO_TOPIC
-from graph import Probe, environment
+from echo import ECHO, ECHO_TOPIC, MARK, SECOND_ECHO_NODE, SECOND_ECHO_TOPIC
+from graph import Probe, running
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import (
     CHANNELS,
@@ -52,6 +51,7 @@ REST_S = 0.2
 FLIGHTS_S = (0.08, 0.16)
 """In turn: a controller that foresees the end of flights that are alike has jammed before it, and no impact matters."""
 GROUND_S = 0.08
+TIMEOUT_S = 30.0
 IMU_SUBSCRIBERS = 2
 
 
@@ -145,6 +145,20 @@ class Stimulus(Probe):
         known = len(states) == len(CHANNELS) and set(states.values()) == {ChannelJamState.UNJAMMED}
         return known and self.second_echo_at_s > 0.0 and self.node.count_subscribers(IMU.name) >= IMU_SUBSCRIBERS
 
+    def wait_until_ready(self) -> None:
+        """Send samples until all are there.
+
+        Raises:
+            TimeoutError: they are not.
+
+        """
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while not self.ready():
+            self.send(STANDARD_GRAVITY_M_S2, MARK)
+            if time.monotonic() > deadline_s:
+                msg = f"the graph did not come up; jam_state: {self.last(JAM_STATE)}"
+                raise TimeoutError(msg)
+
     def trial(self) -> tuple[float, float, float]:
         """Rest, fall, hit, rest: return the delay to the solenoid, the bare round trip, and that of two relays, s."""
         self.rest_and_fall()
@@ -187,30 +201,17 @@ def measure_delays(
     commands: Sequence[Sequence[str]] = (
         ("-m", "jammkle_driver", "--ros-args", "-p", "diagnose:=false"),  # its air is no real one
         ("-m", "jammkle_controller", "--ros-args", *of_controller),
-        (str(Path(__file__).with_name("echo.py")),),
-        (str(Path(__file__).with_name("echo.py")), SECOND_ECHO_NODE),
+        ECHO,
+        (*ECHO, SECOND_ECHO_NODE),
     )
-    processes = [subprocess.Popen([sys.executable, *command], env=environment(domain_id)) for command in commands]
-    stimulus = Stimulus(domain_id, imu_rate_hz)
-    try:
-        deadline_s = time.monotonic() + 30.0
-        while not stimulus.ready():
-            stimulus.send(STANDARD_GRAVITY_M_S2, MARK)
-            if time.monotonic() > deadline_s:
-                msg = f"the graph did not come up; jam_state: {stimulus.last(JAM_STATE)}"
-                raise TimeoutError(msg)
+    with running(domain_id, *commands), closing(Stimulus(domain_id, imu_rate_hz)) as stimulus:
+        stimulus.wait_until_ready()
         samples, begin_s = stimulus.samples, time.monotonic()
         trials: list[tuple[float, float, float]] = []
         while len(trials) < landings and time.monotonic() - begin_s < most_s:
             trials.append(stimulus.trial())
         rate_hz = (stimulus.samples - samples) / (time.monotonic() - begin_s)
         liftoffs, impacts = stimulus.reported(ContactEvent.LIFTOFF), stimulus.reported(ContactEvent.IMPACT)
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait()
-        stimulus.close()
     if not any(solenoid > 0.0 for solenoid, _, _ in trials):
         msg = (
             f"none of {len(trials)} impacts reached the solenoid; "

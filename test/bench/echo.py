@@ -12,6 +12,8 @@ from jammkle_common.names import IMU
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.runner import run
 
+ECHO = (__file__,)
+"""Arguments for Python that run the first relay; with `SECOND_ECHO_NODE` beside, the second."""
 ECHO_NODE = "echo"
 ECHO_TOPIC = "echo"
 SECOND_ECHO_NODE = "second_echo"

@@ -6,25 +6,19 @@ answer that another gives, with nothing done in between.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
-from echo import ECHO_TOPIC, MARK
-from graph import Probe, Up, environment
+from echo import ECHO, ECHO_TOPIC, MARK
+from graph import Probe, Up, cpu_s, running
 from jammkle_common.names import ACTUATOR_STATES, CLOCK, IMU, JAM_COMMAND, SET_PAUSED
 from jammkle_common.qos import publisher_qos
 from jammkle_common.testing import own_domain
-
-if TYPE_CHECKING:
-    import psutil
 
 MEASURED_S = 8.0
 RELAYS = 1000
@@ -89,14 +83,14 @@ def _run(robot: str, *, lockstep: bool) -> tuple[float, float, float, float]:
             probe.spin_until(lambda: _is_complete(probe), "command and acknowledgement are received")
             probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "the graph is up")
             whole.call(SET_PAUSED, data=False)
-            probe.spin_until(lambda: _time_s(probe) > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
+            probe.spin_until(lambda: probe.clock_s() > 2.0 and _has_jammed(probe), "it has landed and is being jammed")
             steering = [each for each in up.children() if any(name in each.cmdline() for name in STEERING)]
-            before_s, begin_s, core_s = _time_s(probe), time.perf_counter(), sum(map(_core_s, steering))
+            before_s, begin_s, core_s = probe.clock_s(), time.perf_counter(), sum(map(cpu_s, steering))
             ticks = len(probe.received[CLOCK.name])
             end_s = begin_s + MEASURED_S
             probe.spin_until(lambda: time.perf_counter() > end_s, "it was measured", timeout_s=100.0 * MEASURED_S)
-            passed_s, simulated_s = time.perf_counter() - begin_s, _time_s(probe) - before_s
-            used_s = sum(map(_core_s, steering)) - core_s
+            passed_s, simulated_s = time.perf_counter() - begin_s, probe.clock_s() - before_s
+            used_s = sum(map(cpu_s, steering)) - core_s
             received = max(len(probe.received[CLOCK.name]) - ticks, 1)
             return simulated_s / passed_s, used_s / simulated_s, 1e3 * passed_s / received, _way_ms(probe)
         finally:
@@ -142,8 +136,7 @@ def _way_ms(probe: Probe) -> float:
 
 def _relay_ms() -> float:
     """Return the median round trip of a bare relay."""
-    with own_domain() as domain_id:
-        echo = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo.py"))], env=environment(domain_id))
+    with own_domain() as domain_id, running(domain_id, ECHO):
         probe = Probe(domain_id)
         try:
             answers: list[float] = []
@@ -166,20 +159,8 @@ def _relay_ms() -> float:
             return sorted(ways_ms)[len(ways_ms) // 2]
         finally:
             probe.close()
-            echo.terminate()
-            echo.wait()
-
-
-def _time_s(probe: Probe) -> float:
-    tick = probe.last(CLOCK)
-    return tick.clock.sec + 1e-9 * tick.clock.nanosec if tick else 0.0
 
 
 def _stamp_s(message: object) -> float:
     stamp = message.header.stamp  # type: ignore[attr-defined]
     return float(stamp.sec + 1e-9 * stamp.nanosec)
-
-
-def _core_s(process: psutil.Process) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import random
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +22,8 @@ from std_srvs.srv import SetBool
 
 from boards import RELEASED, Host, board_command
 from delay import GROUND_S, Stimulus
-from echo import MARK
-from graph import environment
+from echo import ECHO, MARK
+from graph import running
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_driver.board.line import silence_s
@@ -41,7 +40,6 @@ SERVICE_TRIALS = 300
 IMPACT_TRIALS = 300
 SERIAL_TRIALS = 300
 RATE_S = 3.0
-TIMEOUT_S = 30.0
 LONGEST_FALL_SAMPLES = 250
 RECOVERY_SAMPLES = 1000
 LONGEST_PAUSE_S = 0.02
@@ -193,28 +191,14 @@ def _cycle_rate(port: Path) -> float:
 def _graph(domain_id: int, bench: BoardBench, port: Path) -> tuple[list[float], list[tuple[float, float]]]:
     driver = ("-m", "jammkle_driver", "--ros-args", "-p", "hardware:=modbus", "-p", f"port:={port}")
     controller = ("-m", "jammkle_controller", "--ros-args", "-p", "jam_delay_s:=0.0")
-    echo = (str(Path(__file__).with_name("echo.py")),)
-    processes = [
-        subprocess.Popen([sys.executable, *arguments], env=environment(domain_id))
-        for arguments in (driver, controller, echo)
-    ]
-    stimulus = BoardStimulus(domain_id, bench)
-    try:
-        deadline_s = time.monotonic() + TIMEOUT_S
-        while not stimulus.ready():
-            stimulus.send(STANDARD_GRAVITY_M_S2, MARK)
-            if time.monotonic() > deadline_s:
-                msg = "the graph did not come up"
-                raise TimeoutError(msg)
+    with (
+        running(domain_id, driver, controller, ECHO) as processes,
+        closing(BoardStimulus(domain_id, bench)) as stimulus,
+    ):
+        stimulus.wait_until_ready()
         impacts = [stimulus.impact() for _ in range(IMPACT_TRIALS)]
         processes[1].terminate()  # whose stream would take back what the services ask
         processes[1].wait()
         stimulus.wait_for_channels(ChannelJamState.UNJAMMED)
         services = [stimulus.service(on=trial % 2 == 0) for trial in range(SERVICE_TRIALS)]
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait()
-        stimulus.close()
     return services, impacts

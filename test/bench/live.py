@@ -15,7 +15,7 @@ import psutil
 import typer
 
 from delay import measure_delays
-from graph import Probe, Up
+from graph import Probe, Up, cpu_s
 from jammkle_common.testing import own_domain
 from watched import ROBOT, real_time_factor
 
@@ -43,18 +43,13 @@ def measure_four_ankles() -> FourAnkles:
             probe.spin_until(lambda: "jammkle: up\n" in up.text(), "the graph is up")
             time.sleep(SETTLE_S)
             processes = up.children()
-            before_s, begin_s = sum(map(_cpu_s, processes)), time.monotonic()
+            before_s, begin_s = sum(map(cpu_s, processes)), time.monotonic()
             factor = real_time_factor(probe, time.sleep)
-            cores = (sum(map(_cpu_s, processes)) - before_s) / (time.monotonic() - begin_s)
+            cores = (sum(map(cpu_s, processes)) - before_s) / (time.monotonic() - begin_s)
             return FourAnkles(factor, cores, load_before)
         finally:
             probe.close()
             up.stop()
-
-
-def _cpu_s(process: psutil.Process) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)
 
 
 def main(
@@ -70,7 +65,7 @@ def main(
     typer.echo(
         f"four ankles: {four.cores:.2f} cores at a real-time factor of {four.real_time_factor:.2f}; "
         f"load before {four.load_before:.1f}\n"
-        f"IMU at {found.imu_rate_hz:.0f} Hz for {minutes:g} min: {found.landings} landings, {found.liftoffs_told} "
+        f"IMU at {found.imu_rate_hz:.0f} Hz for {minutes:g} min: {found.landings} landings, {found.liftoffs_reported} "
         f"lift-offs and {found.impacts_reported} impacts reported, {found.trials} reached the solenoid\n"
         f"sample to solenoid: median {found.median_ms:.2f} ms, p99 {found.p99_ms:.2f} ms; two bare relays: "
         f"{found.relays_median_ms:.2f} ms, p99 {found.relays_p99_ms:.2f} ms; one and back: "

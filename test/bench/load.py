@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -11,7 +9,8 @@ from pathlib import Path
 
 import psutil
 
-from graph import Probe, Up, environment
+from echo import ECHO
+from graph import Probe, Up, cpu_s, running
 from jammkle_common.names import JAM_STATE
 
 MEASURED_S = 10.0
@@ -31,22 +30,21 @@ class Load:
 
 def measure_load(domain_id: int, imu_rate_hz: int) -> list[Load]:
     """Bring up one ankle at this IMU rate and watch its processes for ten seconds."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, running(domain_id, ECHO) as (echo,):
         parameters = Path(folder) / "rate.yaml"
         parameters.write_text(f"/**/sim:\n  ros__parameters:\n    imu_rate_hz: {imu_rate_hz}\n")
         up = Up(domain_id, Path(folder), "up", "--params", str(parameters))
-        echo = subprocess.Popen([sys.executable, str(Path(__file__).with_name("echo.py"))], env=environment(domain_id))
         probe = Probe(domain_id)
         try:
             probe.listen(JAM_STATE)
             probe.wait_until_up()
             probe.close()
             processes = {package: up.child(package) for package in PACKAGES} | {"bare": psutil.Process(echo.pid)}
-            before = {name: _cpu_s(process) for name, process in processes.items()}
+            before = {name: cpu_s(process) for name, process in processes.items()}
             begin_s = time.perf_counter()
             time.sleep(MEASURED_S)
             elapsed_s = time.perf_counter() - begin_s
-            share = {name: (_cpu_s(process) - before[name]) / elapsed_s for name, process in processes.items()}
+            share = {name: (cpu_s(process) - before[name]) / elapsed_s for name, process in processes.items()}
             return [
                 Load(
                     name.removeprefix("jammkle_"),
@@ -58,11 +56,4 @@ def measure_load(domain_id: int, imu_rate_hz: int) -> list[Load]:
                 for name, process in processes.items()
             ]
         finally:
-            echo.terminate()
-            echo.wait()
             up.stop()
-
-
-def _cpu_s(process: psutil.Process) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)

@@ -14,7 +14,7 @@ import psutil
 from page_client import PageClient
 from rosgraph_msgs.msg import Clock
 
-from graph import Probe, Up
+from graph import Probe, Up, cpu_s
 from jammkle_common.names import CLOCK
 from jammkle_common.qos import subscriber_qos
 from jammkle_common.testing import own_domain
@@ -107,11 +107,10 @@ def _watch(probe: Probe, viewer: psutil.Process, address: str) -> _Round:
         end_s = time.monotonic() + SETTLE_S
         while time.monotonic() < end_s:
             take(end_s - time.monotonic())
-        frames, before, begin_s = 0, viewer.cpu_times(), time.perf_counter()
+        frames, before_s, begin_s = 0, cpu_s(viewer), time.perf_counter()
         factor = real_time_factor(probe, take, settle_s=0.0)
         elapsed_s = time.perf_counter() - begin_s
-        after = viewer.cpu_times()
-        spent_s = after.user + after.system - before.user - before.system
+        spent_s = cpu_s(viewer) - before_s
         return _Round(factor, frames / elapsed_s, spent_s / elapsed_s, viewer.memory_info().rss / 2**20)
 
 

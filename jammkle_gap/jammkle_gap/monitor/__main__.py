@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 from jammkle_common.runner import run
 
 if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
-    from jammkle_common.runner import StopFlag
     from jammkle_gap.monitor.node import GapMonitorNode
 
 
 def main() -> int:
     """Run the gap monitor until SIGINT or SIGTERM and return the exit code."""
-    return run(_make_node, loop=_drive, shut_down=_shut_down)
+    return run(_make_node, loop=lambda node, *given: node.drive(*given), shut_down=lambda node: node.shut_down())
 
 
 def _make_node() -> GapMonitorNode:
@@ -24,14 +21,6 @@ def _make_node() -> GapMonitorNode:
     from jammkle_gap.monitor.node import GapMonitorNode  # noqa: PLC0415
 
     return GapMonitorNode()
-
-
-def _drive(node: GapMonitorNode, executor: Executor, stop: StopFlag) -> None:
-    node.drive(executor, stop)
-
-
-def _shut_down(node: GapMonitorNode) -> None:
-    node.shut_down()
 
 
 if __name__ == "__main__":

@@ -23,11 +23,12 @@ _NS = 1e-9
 _NOT_ASKED = ("seed", "release_time_s")
 """Options that the twin does not need: it has no noise, and sees by itself when the slide is let go."""
 _STATES = {
-    GapState.WAITING: SubsystemGap.UNKNOWN,
-    GapState.CLOSE: SubsystemGap.CLOSE,
-    GapState.WIDE: SubsystemGap.WIDE,
-    GapState.STALE: SubsystemGap.STALE,
+    GapState.WAITING: (SubsystemGap.UNKNOWN, Level.OK),
+    GapState.CLOSE: (SubsystemGap.CLOSE, Level.OK),
+    GapState.WIDE: (SubsystemGap.WIDE, Level.WARN),
+    GapState.STALE: (SubsystemGap.STALE, Level.STALE),
 }
+"""What each state is in a message, and on /diagnostics."""
 
 
 def stamp_s(message: Any) -> float:
@@ -54,7 +55,7 @@ def simulator_gap_message(
     message.subsystems = [
         SubsystemGap(
             name=report.name,
-            state=_STATES[report.state],
+            state=_STATES[report.state][0],
             gap=math.nan if report.worst is None else report.worst.gap,
             signal="" if report.worst is None else report.worst.signal,
             phase="" if report.worst is None else report.worst.phase,
@@ -65,19 +66,11 @@ def simulator_gap_message(
     return message
 
 
-_LEVELS = {
-    GapState.WAITING: Level.OK,
-    GapState.CLOSE: Level.OK,
-    GapState.WIDE: Level.WARN,
-    GapState.STALE: Level.STALE,
-}
-
-
 def subsystem_health(report: SubsystemReport, limit: float) -> Health:
     """Return one line on a subsystem."""
     values = {"limit (noise units)": f"{limit:g}"}
     values |= {f"gap of {signal} (noise units)": f"{gap:.2f}" for signal, gap in sorted(report.gaps.items())}
-    return Health(report.name, _LEVELS[report.state], sentence(report), values)
+    return Health(report.name, _STATES[report.state][1], sentence(report), values)
 
 
 def sentence(report: SubsystemReport) -> str:
@@ -89,8 +82,3 @@ def sentence(report: SubsystemReport) -> str:
     if report.state is GapState.WIDE:
         return f"the robot has left its simulator: {report.worst.signal} while {report.worst.phase}"
     return "as simulated"
-
-
-def unknown_rig_health(why: str) -> Health:
-    """Return the line that stands in for all as long as there is no twin."""
-    return Health("twin", Level.STALE, why)

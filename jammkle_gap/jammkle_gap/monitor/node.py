@@ -12,6 +12,7 @@ from std_msgs.msg import String
 
 from jammkle_common import names
 from jammkle_common.diagnostics import DiagnosticsPublisher
+from jammkle_common.messages import Health, Level
 from jammkle_common.parameters import declare
 from jammkle_common.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
 from jammkle_gap.ankle.bag import TAKERS
@@ -23,9 +24,8 @@ from jammkle_gap.monitor.conversions import (
     simulator_gap_message,
     stamp_s,
     subsystem_health,
-    unknown_rig_health,
 )
-from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters, monitor_settings
+from jammkle_gap.monitor.parameters import FROM_THE_GRAPH, GapMonitorParameters
 from jammkle_gap.monitor.twin import GapMonitor
 from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.qos import QoSProfile
 
-    from jammkle_common.messages import Health
     from jammkle_common.names import Topic
     from jammkle_common.runner import StopFlag
 
@@ -129,12 +128,12 @@ class GapMonitorNode(Node):
     def _now_s(self) -> float:
         """Return the time by which measurements are missed, s: simulated, or of the machine's steady clock."""
         clock = self.get_clock()
-        return float(clock.now().nanoseconds) * 1e-9 if clock.ros_time_is_active else time.monotonic()
+        return float(clock.now().nanoseconds) * _NS if clock.ros_time_is_active else time.monotonic()
 
     def _build(self, rig: str, options: dict[str, Any]) -> None:
         """Make the twin anew: part of a second, between two callbacks, whenever the rig changes."""
         try:
-            self._monitor = GapMonitor(rig, known_options(rig, options), monitor_settings(self._values))
+            self._monitor = GapMonitor(rig, known_options(rig, options), self._values)
         except BadRecordingError as error:
             self._monitor, self._trouble = None, str(error)
             self.get_logger().error(self._trouble)
@@ -191,6 +190,6 @@ class GapMonitorNode(Node):
 
     def _health(self) -> list[Health]:
         if self._monitor is None:
-            return [unknown_rig_health(self._trouble)]
+            return [Health("twin", Level.STALE, self._trouble)]
         reports = self._monitor.reports(self._now_s())
         return [subsystem_health(each, self._values.limit) for each in reports]

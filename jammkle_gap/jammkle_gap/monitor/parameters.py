@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jammkle_common.parameters import parameter
-from jammkle_gap.monitor.twin import MonitorSettings
 from jammkle_sim.rigs.catalogue import RIGS
 
 FROM_THE_GRAPH = "from_graph"
@@ -40,15 +39,4 @@ class GapMonitorParameters:
         "s",
         0.0,
         0.05,
-    )
-
-
-def monitor_settings(values: GapMonitorParameters) -> MonitorSettings:
-    """Pick what the core needs."""
-    return MonitorSettings(
-        window_s=values.window_s,
-        limit=values.limit,
-        hold_s=values.hold_s,
-        silence_s=values.input_timeout_s,
-        command_jitter_s=values.command_jitter_s,
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from jammkle_gap.ankle.inputs import Options
     from jammkle_gap.monitor.followers import Follower, Residual
+    from jammkle_gap.monitor.parameters import GapMonitorParameters
 
 
 @dataclass(frozen=True)
@@ -115,32 +116,16 @@ class SubsystemReport:
     """For how long the gap has been above the limit, s."""
 
 
-@dataclass(frozen=True)
-class MonitorSettings:
-    """How the gap is judged."""
-
-    window_s: float
-    """Time over which a gap is taken."""
-    limit: float
-    """Gap, in noise units, above which a signal has left its simulator."""
-    hold_s: float
-    """For how long it must."""
-    silence_s: float
-    """Age of the newest sample, by the caller's clock, from which on a topic counts as missing."""
-    command_jitter_s: float
-    """See `AirFollower`."""
-
-
 class GapMonitor:
     """The twin of one robot. Samples in at any time; `advance` simulates what is due."""
 
-    def __init__(self, rig: str, options: Options, settings: MonitorSettings) -> None:
+    def __init__(self, rig: str, options: Options, parameters: GapMonitorParameters) -> None:
         """Build the twin.
 
         Args:
             rig: What the robot stands in: a name of `rigs.catalogue`.
             options: How it is set; see `inputs.known_options`.
-            settings: How the gap is judged.
+            parameters: How the gap is judged; its `rig` does not count.
 
         Raises:
             BadRecordingError: there is no such rig.
@@ -149,16 +134,16 @@ class GapMonitor:
         nothing = Timeline(np.zeros(0), np.zeros(0))
         built = nominal_rig(AnkleInputs(rig, options, CommandTrack(nothing, {})))
         self._step_s = timestep_s(built)
-        self._settings = settings
+        self._parameters = parameters
         self._tracks = Tracks()
         self._received_s: dict[str, float] = {}
         self._acknowledged = False
-        self._air = AirFollower(built, settings.command_jitter_s)
+        self._air = AirFollower(built, parameters.command_jitter_s)
         followers: list[Follower] = [self._air, TendonFollower(built)]
         if rig in FALLING_RIGS:
             followers.append(BodyFollower(built))
         followers.append(SensingFollower(built))
-        self._parts = [_Part(each, GapWindow(settings.window_s)) for each in followers]
+        self._parts = [_Part(each, GapWindow(parameters.window_s)) for each in followers]
 
     def take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
         """Take a sample; a command is left out once the hardware tells of its commands by itself.
@@ -211,11 +196,11 @@ class GapMonitor:
         part = min(due, key=lambda each: each.time_s if each.started else -float("inf"))
         newest_s = self._newest_s(part)
         # A part that has fallen behind by more than the window begins anew: old news help nobody.
-        if not part.started or part.time_s < newest_s - self._settings.window_s - STRETCH_S:
+        if not part.started or part.time_s < newest_s - self._parameters.window_s - STRETCH_S:
             part.start(self._tracks, newest_s)
             return True
         stretch = Stretch(part.time_s, part.time_s + round(STRETCH_S / self._step_s) * self._step_s)
-        part.follow(self._tracks, stretch, self._settings.limit)
+        part.follow(self._tracks, stretch, self._parameters.limit)
         self._tracks.forget_before(min(each.time_s for each in self._parts if each.started) - _MEMORY_S)
         return True
 
@@ -231,7 +216,7 @@ class GapMonitor:
         if worst is None:
             return SubsystemReport(name, GapState.WAITING, None)
         wide_s = part.wide_s
-        state = GapState.WIDE if wide_s >= self._settings.hold_s else GapState.CLOSE
+        state = GapState.WIDE if wide_s >= self._parameters.hold_s else GapState.CLOSE
         return SubsystemReport(name, state, worst, part.window.gaps(), wide_s=wide_s)
 
     def _missing(self, part: _Part, now_s: float) -> tuple[str, ...]:
@@ -240,7 +225,7 @@ class GapMonitor:
             topic
             for topic in part.follower.inputs
             if topic not in self._received_s
-            or (self._is_stream(topic) and self._received_s[topic] < now_s - self._settings.silence_s)
+            or (self._is_stream(topic) and self._received_s[topic] < now_s - self._parameters.input_timeout_s)
         )
 
     def _newest_s(self, part: _Part) -> float:

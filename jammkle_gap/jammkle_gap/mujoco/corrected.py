@@ -11,7 +11,7 @@ import numpy as np
 from jammkle_gap.mujoco.robot import SENSORS, load, match
 from jammkle_gap.mujoco.runs import Gains
 from jammkle_gap.mujoco.simulator import RobotSimulator, run
-from jammkle_gap.mujoco.unsaid import TEXT_NAME, Unsaid, text_of, unsaid_of
+from jammkle_gap.mujoco.unsaid import TEXT_NAME, Unsaid, joint_of, text_of, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -155,10 +155,7 @@ def _put_sensors(robot: Robot, model: mujoco.MjModel, spec: mujoco.MjSpec) -> No
 
 
 def _actuator_of(model: mujoco.MjModel, joint: str) -> int | None:
-    own = model.joint(joint).id
-    kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
-    on_joint = np.isin(model.actuator_trntype, kinds)
-    return next((k for k in range(model.nu) if on_joint[k] and int(model.actuator_trnid[k, 0]) == own), None)
+    return next((k for k in range(model.nu) if joint_of(model, k) == joint), None)
 
 
 def closing_of(

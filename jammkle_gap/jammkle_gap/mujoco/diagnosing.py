@@ -28,8 +28,8 @@ from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_csv
 from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
 from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
+from jammkle_gap.mujoco.unsaid import joint_of
 from jammkle_gap.mujoco.windows import lifted, recordings_of, repeats_of
-from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.offer import Offer
     from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import RobotMap
+    from jammkle_sim.physics.engine import mujoco
 
 _LOG = logging.getLogger(__name__)
 WINDOW_S = 2.0
@@ -164,12 +165,7 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
 
 
 def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -> list[str]:
-    """Refuse efforts that are of another unit or sign than the model's, as currents are; note those that may be.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse efforts that are of another unit or sign than the model's, as currents are; note those that may be."""
     robot = simulator.robot
     made = [simulator(each, {}) for each in recordings]
     found: dict[str, float] = {}
@@ -269,12 +265,7 @@ _SAID = 4
 
 
 def _check_names(given: RobotMap, runs: Sequence[Run], model: mujoco.MjModel) -> None:
-    """Refuse a map of joints that no recording, or no model, has.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse a map of joints that no recording, or no model, has."""
     recorded = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
     known = [model.joint(k).name for k in range(model.njnt)]
     for name, asked in given.joints.items():
@@ -303,12 +294,7 @@ def matched(
         msg = "there is no recording to diagnose; give one or more"
         raise BadRecordingError(msg)
     _, nominal = load(model)
-    on_joints = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
-    order = [
-        nominal.joint(int(nominal.actuator_trnid[k, 0])).name
-        for k in range(nominal.nu)
-        if int(nominal.actuator_trntype[k]) in on_joints
-    ]
+    order = [joint for k in range(nominal.nu) if (joint := joint_of(nominal, k))]
     runs = []
     for bag in bags:
         if isinstance(bag, Run):

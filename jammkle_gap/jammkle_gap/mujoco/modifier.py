@@ -20,7 +20,7 @@ import numpy as np
 from jammkle_gap.mujoco.robot import SENSORS, actuator_kind
 from jammkle_gap.mujoco.runs import BadRobotError, Gains, Quantity
 from jammkle_gap.mujoco.simulator import FORWARD_FROM_S
-from jammkle_gap.mujoco.unsaid import joints_of, lost, rub, unsaid_of
+from jammkle_gap.mujoco.unsaid import joint_of, joints_of, lost, rub, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -246,11 +246,9 @@ class _Drive:
 
 def _drives_of(model: mujoco.MjModel, gains: Mapping[str, Gains]) -> dict[str, _Drive]:
     """Return the drives by joint, after controllers outside of the model have become theirs."""
-    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    on_joints = [k for k in range(model.nu) if int(model.actuator_trntype[k]) in kinds]
-    targets = [model.joint(int(model.actuator_trnid[k, 0])).name for k in on_joints]
+    targets = [joint_of(model, number) for number in range(model.nu)]
     found = {}
-    for number, joint in zip(on_joints, targets, strict=True):
+    for number, joint in enumerate(targets):
         actuator = model.actuator(number)
         gear = float(actuator.gear[0])
         if joint in gains and gear != 0.0:

@@ -324,12 +324,7 @@ def _missing_joints(
 
 
 def _check_units(model: mujoco.MjModel, joints: Sequence[str], runs: Sequence[Run], given: RobotMap) -> None:
-    """Refuse angles that look like degrees, unless the map says what they are.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse angles that look like degrees, unless the map says what they are."""
     if given.degrees is not None:
         return
     for joint in joints:
@@ -369,12 +364,7 @@ def _commanded(runs: Sequence[Run], measured: Sequence[str]) -> dict[str, set[Qu
 
 
 def _check_commands(drives: Sequence[Drive], runs: Sequence[Run], notes: list[str]) -> None:
-    """Refuse commanded positions that a joint follows, but in another unit; note those that it moves against.
-
-    Raises:
-        BadRobotError: as said.
-
-    """
+    """Refuse commanded positions that a joint follows, but in another unit; note those that it moves against."""
     for drive in drives:
         if drive.quantity is not Quantity.POSITION:
             continue

@@ -1,20 +1,6 @@
 """What was recorded of a robot: angles, efforts and commands by joint, from bags, CSV files or arrays.
 
-Names, signs, offsets and units follow a map where recording and model do not agree:
-
-    joints:
-      shoulder_pan_joint: {model: joint1, sign: -1, offset: 0.1}   # model's = sign * recorded + offset
-      gripper: locked                                              # or: measured; or: elbow_joint: joint3
-    units: degrees
-    states: /joint_states                  # topic, where several hold the same joints
-    commands: {topic: /arm/commands, order: [joint1, joint2], quantity: position, units: degrees}
-    gains: {joint1: {kp: 100, kd: 3}}      # of a controller that is not in the model
-    torque_constants: {joint1: 0.12}       # N m/A, where efforts are currents
-    base: held                             # or free, or measured: as odometry says
-    noise: {position: 0.001, effort: 0.1}  # of one reading, by the data sheet
-    tolerances: {friction: 0.5}            # of what the model says, as a standard deviation and share of it
-    sensors: {/wrist/wrench: {site: flange, sign: -1}}  # IMU, force and torque: topic, or frame, and site
-                                           # of the model; sensors: none leaves all of them out
+Names, signs, offsets and units follow a map where recording and model do not agree: `RobotMap`, docs/any_robot.md.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
@@ -20,7 +20,7 @@ from jammkle_gap.mujoco.unsaid import Unsaid, lost, rub
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.robot import Robot
 
     Array = NDArray[np.float64]
+    Change = Callable[["Machine", Sequence[float]], None]
+    """Makes an effect, or a constant of the machine, of the values of its parameters, in order."""
 
 BASE = "base"
 """Of signals of a free base that was measured: `base/x` and so on."""
@@ -93,13 +95,6 @@ class Machine(Unsaid):
     def needs_steps(self) -> bool:
         """Return whether something changes within a run that a model cannot say."""
         return bool(self.stribeck or self.load_friction or self.slack)
-
-
-class Change(Protocol):
-    """Makes an effect, or a constant of the machine."""
-
-    def __call__(self, machine: Machine, values: Sequence[float]) -> None:
-        """Change a machine; the values are those of the effect's parameters in order."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +211,9 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     controls = _controls(machine, motion, asked, begins, count)
     starts = _starts(machine, motion, begins)
     joints = [int(model.joint(name).qposadr[0]) for name in robot.joints]
-    joints += _places_of_base(robot)
+    if robot.floating:
+        first = int(model.joint(robot.floating).qposadr[0])
+        joints += range(first, first + len(BASE_COLUMNS))
     sensed = list(dict.fromkeys((*robot.efforts, *(each.joint for each in robot.drives))))
     sensors = [int(model.sensor(f"{EFFORT_SENSOR}{name}").adr[0]) for name in sensed]
     sensors += _addresses(machine)
@@ -254,25 +251,10 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     return found
 
 
-def _places_of_base(robot: Robot) -> list[int]:
-    """Return where the position of a free base that was measured is."""
-    if not robot.floating:
-        return []
-    first = int(robot.model.joint(robot.floating).qposadr[0])
-    return list(range(first, first + len(BASE_COLUMNS)))
-
-
 def _read(machine: Machine, motion: Motion, begins: Array, ticks: Array, values: Array, time_s: Array) -> Array:
     """Return the readings of one quantity at the times of its signal, by when they were really taken.
 
-    Args:
-        machine: Whose clock and delay count.
-        motion: With the windows.
-        begins: When each begins to run, s.
-        ticks: Since then, when a value is there to be read, shape (count,), s.
-        values: Shape (windows, count).
-        time_s: Of the readings, one window after the other, s.
-
+    `values`, shape (windows, count), are there to be read at `ticks` after `begins`.
     """
     real_s, window = _taken_at(machine, motion, time_s)
     found = np.empty_like(time_s)
@@ -316,16 +298,8 @@ def _between_ticks(
 ) -> Array:
     """Return what the effort of a drive differs by between the model's steps, as its set point comes in steps.
 
-    Args:
-        machine: Whose drive it is.
-        motion: With the windows.
-        asked: Set points on the motion's grid, shape (n, drives).
-        controls: Those of every step, shape (windows, count, actuators).
-        joint: Which the drive moves.
-        begins: When each window begins to run, s.
-        time_s: Of the readings, s.
-        made: Efforts at these times, straight from step to step; N m or N.
-
+    `asked`, shape (n, drives), are set points on the motion's grid, `controls`, (windows, count, actuators), those of
+    every step, and `made` efforts at `time_s`, straight from step to step; N m or N.
     """
     columns = [column for column, each in enumerate(machine.robot.drives) if each.joint == joint]
     if not columns:
@@ -443,16 +417,9 @@ def _starts(machine: Machine, motion: Motion, begins: Array) -> Array:
 
 
 def _put_bases(machine: Machine, states: Array, base: Array, step_s: float, read_s: Array, shift: Array) -> None:
-    """Put where a free base was measured into the starts of windows.
+    """Put where a free base was measured, shape (2, n, 6) on the grid, into the starts of windows.
 
-    Args:
-        machine: Whose base it is.
-        states: Shape (windows, state).
-        base: Coordinates and rates on the grid, shape (2, n, 6).
-        step_s: Of the grid, s.
-        read_s: When the state of each window was read, s.
-        shift: Of coordinates and rates of each, shape (windows, 2, 6), or (windows, 2, 0) for none.
-
+    `shift` is that of coordinates and rates of each window, shape (windows, 2, 6), or (windows, 2, 0) for none.
     """
     model, grid = machine.model, step_s * np.arange(base.shape[1])
     free = model.joint(machine.robot.floating)

@@ -48,7 +48,7 @@ class Unsaid:
     """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
     """How much faster the clock of the readings runs than that of the commands, as a share."""
-    set_point_lag_s: Mapping[str, float] = field(default_factory=dict)
+    set_point_lag_s: dict[str, float] = field(default_factory=dict)
     """By joint, as what follows."""
     forward_share: dict[str, float] = field(default_factory=dict)
     """Of the set point's rate that the drive feeds forward."""
@@ -202,12 +202,7 @@ def _number(name: str, value: Any, whose: str = "") -> float:
 
 
 def _check_key(model: mujoco.MjModel, name: str, key: str) -> None:
-    """Refuse a joint or a site that the model has not.
-
-    Raises:
-        ValueError: as said.
-
-    """
+    """Refuse a joint or a site that the model has not."""
     if name in _BY_SENSOR:
         what, known = "site", [model.site(k).name for k in range(model.nsite)]
         key = key if name == "sensor_turn" else key.rpartition("/")[0]
@@ -216,6 +211,13 @@ def _check_key(model: mujoco.MjModel, name: str, key: str) -> None:
     if key not in known:
         msg = f"{name} names {what} {key}, which the model has not; it has: {', '.join(known) or 'none'}"
         raise ValueError(msg)
+
+
+def joint_of(model: mujoco.MjModel, actuator: int) -> str:
+    """Return the name of the joint that an actuator acts on; empty for one on a tendon, a site or a body."""
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    on_joint = int(model.actuator_trntype[actuator]) in kinds
+    return str(model.joint(int(model.actuator_trnid[actuator, 0])).name) if on_joint else ""
 
 
 def joints_of(model: mujoco.MjModel) -> list[str]:

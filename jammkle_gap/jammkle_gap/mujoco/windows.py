@@ -139,7 +139,7 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
     begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
     step_s = float(np.median(np.diff(tracks[0].time_s)))
     count = int((end_s - begin_s) / step_s) + 1
-    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
+    wide = _width(step_s)
     if count <= 2 * wide:
         msg = f"recording {run.name} holds {max(end_s - begin_s, 0.0):.2f} s of joint states with commands"
         msg += f", less than {2 * wide * step_s:.2f} s; record longer"
@@ -230,12 +230,7 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: f
 
 
 def _check_whole(robot: Robot, run: Run, begin_s: float) -> None:
-    """Refuse holes in a recording that is compared as a whole.
-
-    Raises:
-        BadRecordingError: as said.
-
-    """
+    """Refuse holes in a recording that is compared as a whole."""
     if holes := _holes(robot, run, begin_s):
         begin, end = holes[0]
         msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
@@ -273,10 +268,10 @@ def _recording(
         for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
     ]
     if robot.floating:
-        moved = _base_tracks(run)
+        times_s, poses = run.base[0].time_s, np.column_stack([each.values for each in run.base])
         felt += [
-            _windowed(f"{BASE}/{name}", unit, track, begin_s, starts, length, noise)
-            for (name, unit, noise), track in zip(_OF_BASE, moved, strict=True)
+            _windowed(f"{BASE}/{name}", unit, Track(times_s, column), begin_s, starts, length, noise)
+            for (name, unit, noise), column in zip(_OF_BASE, coordinates_of(poses).T, strict=True)
         ]
     if robot.drives:
         signals = [_with_jitter(robot, run, motion, each) for each in signals]
@@ -292,12 +287,6 @@ _DRIFT = 0.005
 within a window, however finely it is read."""
 _OF_BASE = tuple((name, "m" if name in AXES else "rad", _DRIFT) for name in COORDINATES)
 """Signals of a free base: coordinate, unit and noise."""
-
-
-def _base_tracks(run: Run) -> list[Track]:
-    """Return the coordinates of the base, by `COORDINATES`."""
-    times = run.base[0].time_s
-    return [Track(times, column) for column in coordinates_of(np.column_stack([each.values for each in run.base])).T]
 
 
 def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[Signal, ...], tuple[str, ...]]:
@@ -392,14 +381,23 @@ _JITTER_S = 0.0003
 cycle of 1 kHz, 1 ms / sqrt(12)."""
 
 
+def _width(step_s: float) -> int:
+    """Return the samples that a cubic is laid through, an odd number."""
+    return int(max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1)
+
+
+def _noise_gain(time_s: Array, order: int) -> float:
+    """Return the standard deviation of a derivative of smoothed readings, over that of a reading."""
+    step_s = float(np.median(np.diff(time_s)))
+    return float(np.linalg.norm(savgol_coeffs(_width(step_s), 3, deriv=order, delta=step_s)))
+
+
 def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
     """Return an effort with the noise that differentiated angles bring into what is compared with it."""
     joint = effort.name.rpartition("/")[0]
     track = run.measured[joint, Quantity.POSITION]
     noise = robot.given.noise.get(Quantity.POSITION, 0.0) or deviation_of(track.values)
-    step_s = float(np.median(np.diff(track.time_s)))
-    wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
-    gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=2, delta=step_s)).sum()))
+    gain = _noise_gain(track.time_s, 2)
     data = mujoco.MjData(robot.model)
     mujoco.mj_forward(robot.model, data)
     mass = np.zeros((robot.model.nv, robot.model.nv))
@@ -424,9 +422,7 @@ def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
     for order in range(2):
         for column, name in enumerate(wandering):
             signal = recording.signal(f"{name}/{Quantity.POSITION.value}" if name in robot.joints else f"{BASE}/{name}")
-            step_s = float(np.median(np.diff(signal.time_s)))
-            wide = max(round(_SMOOTHED_S / step_s), _FEWEST_SMOOTHED) // 2 * 2 + 1
-            gain = float(np.sqrt(np.square(savgol_coeffs(wide, 3, deriv=order, delta=step_s)).sum()))
+            gain = _noise_gain(signal.time_s, order)
             shift = np.zeros((len(motion.starts_s), 2 * len(wandering)))
             shift[:, order * len(wandering) + column] = _START_ERRORS * gain * scale_of(signal)
             made = run_forward(machine, replace(motion, start_shift=shift), recording)

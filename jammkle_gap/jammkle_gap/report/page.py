@@ -143,7 +143,7 @@ def _traces(diagnosis: Diagnosis) -> dict[str, Any]:
         {
             "title": f"{each.signal} ({each.setting})" if several else each.signal,
             "gap": times(_gap_of(each)),
-            "left": times(_left_of(each)),
+            "left": times(_gap_of(each, corrected=True)),
             "image": _picture(each, best, stretches),
         }
         for each in ordered
@@ -221,9 +221,7 @@ def _candidate_line(candidate: Candidate) -> dict[str, str]:
 
 def heat_map(places: Sequence[Place]) -> dict[str, Any]:
     """Return the shares of signals by phases, signals with the largest share first."""
-    shares: dict[str, float] = {}
-    for place in places:
-        shares[place.signal] = shares.get(place.signal, 0.0) + place.share
+    shares = words.signal_shares(places)
     signals = [name for name in sorted(shares, key=lambda name: -shares[name]) if shares[name] >= WORTH_SHARE]
     found = {place.phase for place in places if place.signal in signals}
     phases = [*(name for name in PHASES[:-2] if name in found), *sorted(found - set(PHASES))]
@@ -283,21 +281,15 @@ def _closing_line(name: str, closing: Closing) -> dict[str, str]:
     }
 
 
-def _gap_of(trace: Trace) -> float:
-    """Return the root mean square of a trace's difference, in healthy scatter."""
-    return float(np.sqrt(np.square(trace.difference / trace.scatter).mean()))
-
-
-def _left_of(trace: Trace) -> float:
-    """Return the same of what the signature leaves."""
-    return float(np.sqrt(np.square((trace.difference - trace.signature) / trace.scatter).mean()))
+def _gap_of(trace: Trace, *, corrected: bool = False) -> float:
+    """Return the root mean square of a trace's difference, or of what the signature leaves, in healthy scatter."""
+    left = trace.difference - trace.signature if corrected else trace.difference
+    return float(np.sqrt(np.square(left / trace.scatter).mean()))
 
 
 def _most_telling(diagnosis: Diagnosis) -> list[Trace]:
     """Return the traces by their signal's share of the squared whitened difference, then by their own gap."""
-    shares: dict[str, float] = {}
-    for place in diagnosis.where:
-        shares[place.signal] = shares.get(place.signal, 0.0) + place.share
+    shares = words.signal_shares(diagnosis.where)
     return sorted(diagnosis.traces, key=lambda each: (-shares.get(each.signal, 0.0), -_gap_of(each)))
 
 

@@ -150,11 +150,17 @@ def _where(diagnosis: Diagnosis) -> Answer:
     return Answer("Where", place_label(place), more)
 
 
-def main_place(where: Sequence[Place]) -> tuple[Place, float]:
-    """Return where most of the gap lies, and its signal's share: that of the largest share, in its largest phase."""
+def signal_shares(where: Sequence[Place]) -> dict[str, float]:
+    """Return the share of each signal, over all phases."""
     shares: dict[str, float] = {}
     for place in where:
         shares[place.signal] = shares.get(place.signal, 0.0) + place.share
+    return shares
+
+
+def main_place(where: Sequence[Place]) -> tuple[Place, float]:
+    """Return where most of the gap lies, and its signal's share: that of the largest share, in its largest phase."""
+    shares = signal_shares(where)
     signal = max(shares, key=lambda name: shares[name])
     return max((each for each in where if each.signal == signal), key=lambda each: each.share), shares[signal]
 
@@ -230,7 +236,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return "No gap is detected: the recordings differ from the simulator by no more than healthy runs scatter."
     if diagnosis.verdict is Verdict.UNKNOWN or not named:
         likely = f"There is a gap, and most likely {NONE_OF_THEM} causes it{_how_sure(diagnosis, ())}"
-        return f"{likely}: {_largest(diagnosis)}."
+        place, share = main_place(diagnosis.where)
+        return f"{likely}: {percent(share)} of it is in {place.signal}."
     if diagnosis.verdict is Verdict.AMBIGUOUS:
         return _one_of(diagnosis)
     best = named[0]
@@ -248,11 +255,6 @@ def _how_sure(diagnosis: Diagnosis, names: tuple[str, ...]) -> str:
     value = next((each.probability for each in diagnosis.candidates if each.names == names), None)
     value = diagnosis.posterior.get(names) if value is None else value
     return "" if value is None else f" (probability {probability(value)})"
-
-
-def _largest(diagnosis: Diagnosis) -> str:
-    place, share = main_place(diagnosis.where)
-    return f"{percent(share)} of it is in {place.signal}"
 
 
 def _one_of(diagnosis: Diagnosis) -> str:

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-import time
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
+from controller_bench import Bench
 from sensor_msgs.msg import Imu
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
-from jammkle_common.names import CONTACT_EVENTS, IMU, JAM_COMMAND
-from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import own_domain
 from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
@@ -29,7 +21,6 @@ from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import replay
 from jammkle_driver.parameters import DriverParameters
-from jammkle_msgs.msg import ContactEvent, JamCommand
 from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
 from jammkle_sim.rigs.rig import FootPlan
 from jammkle_sim.robots.catalogue import robot_simulation
@@ -38,9 +29,8 @@ from studies.contact.loop import AnkleLoop
 from studies.contact.robots import joined_contacts, leg_of_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from pathlib import Path
 
-TIMEOUT_S = 60.0
 STATE_PERIOD_NS = 10_000_000
 """Joints and gait's plan of a robot are reported 100 times a second, at multiples of this."""
 
@@ -74,49 +64,26 @@ def test_a_landing_in_the_loop_is_felt_and_held() -> None:
     assert again.events == loop.events
 
 
-def test_ros_and_loop_decide_the_same_on_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ros_and_loop_decide_the_same_on_the_same_samples(tmp_path: Path) -> None:
     """The node, fed over DDS with the samples of a loop, reports its events and set points to the bit."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     _, samples = land(1.5)
     made = replay([Received(sample.time_ns, sample) for sample in samples], ControllerParameters())
     with own_domain() as domain_id:
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
-        process = subprocess.Popen([sys.executable, "-m", "jammkle_controller"], env=environment)
-        context = rclpy.Context()
-        rclpy.init(context=context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node("bench", context=context)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        events: list[ContactEvent] = []
-        commands: list[JamCommand] = []
-        node.create_subscription(ContactEvent, CONTACT_EVENTS.name, events.append, subscriber_qos(CONTACT_EVENTS))
-        node.create_subscription(JamCommand, JAM_COMMAND.name, commands.append, subscriber_qos(JAM_COMMAND))
-        imu = node.create_publisher(Imu, IMU.name, publisher_qos(IMU))
-
-        def until(holds: Callable[[], bool]) -> None:
-            deadline_s = time.monotonic() + TIMEOUT_S
-            while not holds() and time.monotonic() < deadline_s:
-                executor.spin_once(timeout_sec=0.05)
-            assert holds()
-
+        bench = Bench(domain_id, tmp_path)
         try:
-            until(lambda: imu.get_subscription_count() > 0 and bool(commands))
+            bench.wait_until_up()
             for sample in samples:
-                imu.publish(message_of(sample))
-                executor.spin_once(timeout_sec=0.002)
-            until(lambda: len(events) >= len(made.events))
+                bench.imu.publish(message_of(sample))
+                bench.executor.spin_once(timeout_sec=0.002)
+            bench.spin_until(lambda: len(bench.events) >= len(made.events), "every event is reported")
             reported = [
                 (e.header.stamp.sec * NANOSECONDS_PER_SECOND + e.header.stamp.nanosec, e.magnitude, e.probability)
-                for e in events
+                for e in bench.events
             ]
             assert reported == [(event.time_ns, event.magnitude, event.probability) for event in made.events]
-            until(lambda: {c.channel: c.vacuum_pa for c in commands[-1].channels} == made.decisions[-1].vacuum_pa)
+            bench.spin_until(lambda: bench.set_points_pa() == made.decisions[-1].vacuum_pa, "the same is asked for")
         finally:
-            process.terminate()
-            process.wait()
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.shutdown(context=context)
+            bench.close()
 
 
 def message_of(sample: ImuSample) -> Imu:

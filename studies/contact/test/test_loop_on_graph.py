@@ -58,18 +58,13 @@ def landed_on_graph(folder: Path) -> Mapping[str, Column]:
         probe = Probe(domain_id)
         probe.listen(names.CLOCK)
         try:
-            probe.spin_until(lambda: clock_s(probe) > LASTS_S, "it has landed")
+            probe.spin_until(lambda: probe.clock_s() > LASTS_S, "it has landed")
         finally:
             probe.close()
             code = up.stop()
             sys.stdout.write(up.text())
     assert code == 0
     return columns_of(folder / "bag")
-
-
-def clock_s(probe: Probe) -> float:
-    tick = probe.last(names.CLOCK)
-    return tick.clock.sec + tick.clock.nanosec / NANOSECONDS_PER_SECOND if tick else 0.0
 
 
 def columns_of(bag: Path) -> Mapping[str, Column]:
