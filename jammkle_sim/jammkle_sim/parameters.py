@@ -79,20 +79,21 @@ class RunParameters:
         MAX_RATE_HZ,
     )
 
-    def __post_init__(self) -> None:
-        """Check that rates and time step, which each kind of simulation has, fit each other.
 
-        Raises:
-            ParameterError: a rate does not divide the step rate, or the step is not a whole number of nanoseconds.
+def check_rates(parameters: RunParameters, timestep_s: float) -> None:
+    """Check that rates and time step fit each other.
 
-        """
-        try:
-            timestep_ns(self.timestep_s)
-            fixed_hz = (PRESSURE_RATE_HZ, GAIT_RATE_HZ, MACHINE_RATE_HZ)
-            for rate_hz in (self.imu_rate_hz, self.state_rate_hz, *fixed_hz):
-                steps_per_output(rate_hz, self.timestep_s, MAX_RATE_HZ)
-        except RateError as error:
-            raise ParameterError(str(error)) from error
+    Raises:
+        ParameterError: a rate does not divide the step rate, or the step is not a whole number of nanoseconds.
+
+    """
+    try:
+        timestep_ns(timestep_s)
+        fixed_hz = (PRESSURE_RATE_HZ, GAIT_RATE_HZ, MACHINE_RATE_HZ)
+        for rate_hz in (parameters.imu_rate_hz, parameters.state_rate_hz, *fixed_hz):
+            steps_per_output(rate_hz, timestep_s, MAX_RATE_HZ)
+    except RateError as error:
+        raise ParameterError(str(error)) from error
 
 
 def _effects_option() -> Any:
@@ -113,6 +114,10 @@ class SimParameters(RunParameters):
     mass_kg: float = mass_option()
     friction: float = slope_friction_option()
     effects_file: str = _effects_option()
+
+    def __post_init__(self) -> None:
+        """Check that rates and time step fit each other; errors as in `check_rates`."""
+        check_rates(self, self.timestep_s)
 
 
 @dataclass(frozen=True)
@@ -145,3 +150,7 @@ class RobotParameters(RobotOptions, RunParameters):
     robot: str = parameter("leg", "What is simulated", choices=ROBOTS)
     effects_file: str = _effects_option()
     effects_ankle: str = parameter("", "Name of the ankle that the effects are put into; empty: every one")
+
+    def __post_init__(self) -> None:
+        """Check that rates and time step fit each other; errors as in `check_rates`."""
+        check_rates(self, self.timestep_s)
