@@ -176,9 +176,7 @@ def fit_jointly(
     parts = [part - each.shared @ scores for part, each in zip(made, difference.settings, strict=True)]
     signature = difference.whiten(parts)
     by_parameters = [each / objective.span for each in difference.split(objective.derivatives(place))]
-    by_scores = [each.shared for each in difference.settings]
-    if slopes is not None:
-        by_scores = [each[:, each.shape[1] - len(scores) :] @ machine.root for each in slopes]
+    by_scores = difference.split(objective.by_constants(place) @ machine.root)
     return Fit(
         start.names,
         objective.values(place),
@@ -217,12 +215,13 @@ class _Objective:
         self._slopes: NDArray[np.float64] | None = None
         if own and own[0].shape[1] == self.count:
             self._slopes = np.concatenate(own) * self.span
-        self._along = difference.shared
         if slopes is not None:
-            self._along = difference.by_scatter([each[:, each.shape[1] - len(self._mean) :].T for each in slopes]).T
-        elif len(self._root):
+            self._by_constants = np.concatenate([each[:, each.shape[1] - len(self._mean) :] for each in slopes])
+        else:
             # By the deviations themselves, since these are what has bounds.
-            self._along = solve_triangular(self._root, self._along.T, trans="T", lower=True).T
+            columns = np.concatenate([each.shared for each in difference.settings])
+            self._by_constants = solve_triangular(self._root, columns.T, trans="T", lower=True).T
+        self._last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._target = difference.by_scatter(machine.raw)
         self._known: dict[bytes, list[NDArray[np.float64]] | None] = {}
         self._derived: dict[bytes, NDArray[np.float64]] = {}
@@ -279,11 +278,35 @@ class _Objective:
 
     def jacobian(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives of `left`."""
-        own = self._difference.by_scatter([each.T for each in self._difference.split(self.derivatives(place))]).T
+        own = self._whitened(self.derivatives(place))
+        along = self._whitened(self.by_constants(place))
         inverse = np.linalg.inv(self._root) if len(self._root) else self._root
         prior = np.hstack([np.zeros((len(self._root), self.count)), inverse])
-        rows: NDArray[np.float64] = np.vstack([np.hstack([-own, -self._along]), prior])
+        rows: NDArray[np.float64] = np.vstack([np.hstack([-own, -along]), prior])
         return rows
+
+    def by_constants(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return derivatives of the features by the constants, shape (n, constants).
+
+        They explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run.
+        """
+        made = self.features(place)
+        if made is not None and len(self._root):
+            here = np.concatenate(made)
+            if self._last is not None and not np.array_equal(self._last[0], place):
+                step = place - self._last[0]
+                further = here - self._last[1] - self.derivatives(place) @ step[: self.count]
+                moved = step[self.count :]
+                if moved.any():
+                    self._by_constants = self._by_constants + np.outer(
+                        further - self._by_constants @ moved, moved / (moved @ moved)
+                    )
+            self._last = (place, here)
+        return self._by_constants
+
+    def _whitened(self, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = self._difference.by_scatter([each.T for each in self._difference.split(columns)]).T
+        return found
 
 
 CENTRAL, FORWARD = (1.0, -1.0), (1.0, 0.0)
