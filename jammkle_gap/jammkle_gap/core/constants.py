@@ -60,9 +60,6 @@ class Constants:
     reweighings: int = 3
     """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once
     spread evenly over each signal, then twice block by block."""
-    hurried: int = 2
-    """The last two where derivatives by the constants are dear, and so are runs. Chosen for time: the most likely
-    candidates are fitted once more in any case."""
     sharpened: tuple[int, ...] = (2, 1)
     """Candidates that derivatives by the constants are taken anew for, each time. Chosen: the second time moves the
     payload of an arm, on a ridge with its links' masses, by half of its deviation; a third time by a twentieth."""

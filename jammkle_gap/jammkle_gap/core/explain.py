@@ -143,15 +143,7 @@ class _Search:
             # No error is found that would weigh the features anew.
             constants = replace(constants, joint_evaluations=constants.fit_evaluations, reweighings=1)
         elif self._dear:
-            few = constants.hurried
-            constants = replace(
-                constants,
-                refined=constants.refined_beside,
-                refined_pairs=constants.refined_beside,
-                calibration_steps=few,
-                joint_evaluations=few,
-                reweighings=few,
-            )
+            constants = replace(constants, refined=constants.refined_beside, refined_pairs=constants.refined_beside)
         self._constants = constants
         self.blank = blank_of(error.difference)
         self.finished = True
