@@ -446,14 +446,16 @@ def fit_beside_error(
 
     """
     difference = error.evenly_with(before) if evenly else error.difference_with(before)
-    signatures, fit = machine.signatures(), start
+    signatures, fit, best = machine.signatures(), start, start
     for _ in range(constants.reweighings):
         found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
         if not found.features:
             break
         fit = found
+        # Where it begins it has been fitted before if it has derivatives.
+        best = fit if not best.slopes or error.cost(fit) < error.cost(best) else best
         difference = error.difference_with(fit)
-    return fit, signatures.made
+    return best, signatures.made
 
 
 def sharpen(
@@ -469,10 +471,11 @@ def sharpen(
         evenly: For each time that it is fitted, whether what it leaves is spread evenly over each signal.
 
     """
-    signatures = machine.signatures()
+    signatures, best = machine.signatures(), fit
     for way in evenly:
         difference = error.evenly_with(fit) if way else error.difference_with(fit)
         slopes = [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
         found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
         fit = found if found.features else fit
-    return fit, signatures.made
+        best = fit if error.cost(fit) < error.cost(best) else best
+    return best, signatures.made
