@@ -101,6 +101,10 @@ class Constants:
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave. Learned."""
     discrepancy_of_gap: float = 0.1
     """The same in the gap's own square: a large effect is off by more than a small one. Learned."""
+    independent_blocks: float = 32.0
+    """Blocks without references that are independent at least, however many settings share the simulator's error.
+    Learned on real recordings of a cylinder and of a servo, 96 and 128 blocks: with 16 friction that grows with load is
+    hardly distinguished from none of the effects there."""
     discrepancy_of_block: float = 1.0
     """Prior scale of model discrepancy in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""

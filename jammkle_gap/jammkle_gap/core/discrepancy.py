@@ -157,9 +157,8 @@ class Discrepancy:
         self._expected = np.bincount(self._blocks, self._healthy / self._base)
         self._range = _ranges([settings[k] for k in self._used])
         self._of_blocks = min(constants.discrepancy_freedom, float(len(self._expected)))
-        # Over settings the error repeats itself in part, and no more than it hangs together altogether. Chosen: half way,
-        # geometrically, between one error for all settings and one for each.
-        self._share = max(1.0 / float(np.sqrt(len(self._used))), self._of_blocks / len(self._expected))
+        # Over settings the error repeats itself, but no more than it hangs together altogether.
+        self._share = max(1.0 / len(self._used), min(1.0, constants.independent_blocks / len(self._expected)))
 
     def difference_with(self, fit: Fit) -> Difference:
         """Return the difference whitened by scatter and the error that a candidate leaves, block by block."""
@@ -258,7 +257,7 @@ class Discrepancy:
         """Return log-likelihoods in settings without references, relative to the simulator's error alone.
 
         None of them first: it is that, or a cause unknown to the library. A candidate's is that of a t distribution
-        for every signal and block with one degree of freedom, which settings share in part since the simulator's error
+        for every signal and block with one degree of freedom, which all settings share since the simulator's error
         repeats itself over them, and the prior of the scores of scatter and constants. The best must stand up to none
         of them by all blocks together as well, so that many small blocks explained do not make up for large ones left
         alone. The error of a simulator resembles one effect or another by chance, the more of them there are: none of
