@@ -12,6 +12,8 @@ from scipy import stats
 from jammkle_gap import Constants, Library, Problem
 from jammkle_gap.core.decide import (
     NONE_OF_THEM,
+    Detection,
+    by_likelihood,
     class_names,
     classes_of,
     credible_set,
@@ -97,6 +99,21 @@ def test_power_grows_with_the_size_of_the_gap() -> None:
     assert power == sorted(power)
     assert power[0] < 0.1
     assert power[-1] > 0.95
+
+
+def test_an_effect_that_is_far_likelier_than_the_constants_alone_is_a_gap() -> None:
+    """Though lengths show none; of gains by chance, of one and of two parameters, no more than the stated rate are."""
+    nothing = Detection(1.0, gap=False, probability=0.0, ratio=1.0, effect="", explained=1.0, unexplained=1.0)
+    assert by_likelihood(nothing, [(0.3, 1), (15.0, 1)], CONSTANTS).gap
+    assert not by_likelihood(nothing, [(3.0, 1), (5.0, 2), (-2.0, 1)], CONSTANTS).gap
+    assert not by_likelihood(nothing, [], CONSTANTS).gap
+    random, alarms = np.random.default_rng(23), 0
+    for _ in range(300):
+        gains = [
+            (0.5 * float(random.chisquare(count)), count) for count in (1, 2) for _ in range(CONSTANTS.tested_effects)
+        ]
+        alarms += by_likelihood(nothing, gains, CONSTANTS).gap
+    assert alarms <= stats.binom.ppf(0.999, 300, CONSTANTS.false_alarm_rate)
 
 
 def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:

@@ -18,9 +18,11 @@ from jammkle_gap import (
     Nuisance,
     Problem,
     Recording,
+    Runner,
     Signal,
     Verdict,
     diagnose,
+    evidence_of,
 )
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
@@ -171,6 +173,21 @@ def test_an_effect_is_named_beside_an_error_within_the_accuracy() -> None:
     runs = [_bent(run, 0.005) for run in recorded(42, {"load.share": 0.5}, {})]
     value, _ = named(diagnose(runs, replace(EXACT, accuracy=0.005), jobs=1), "load")
     assert value == pytest.approx(0.5, abs=0.15)
+
+
+def test_constants_cost_least_where_they_are_fitted() -> None:
+    """Beside an error of the simulator, so that weights matter: a fit minimises what candidates are scored by."""
+    runs = [_bent(run, 0.03) for run in recorded(44, {}, {"arm.mass": 1.06, "servo.stiffness": 0.93})]
+    evidence = evidence_of(runs, (), EXACT, Runner(EXACT, 1), Constants(), None)
+    fit, signatures = evidence.explained.within, evidence.machine.signatures()
+    assert np.linalg.norm(fit.scores) > 0.3
+    for step in 0.25 * np.vstack([np.eye(2), -np.eye(2)]):
+        scores = fit.scores + step
+        made = signatures.parts({}, evidence.machine.values(evidence.machine.root @ scores))
+        assert made is not None
+        parts = [part - own.shared @ scores for part, own in zip(made, evidence.difference.settings, strict=True)]
+        moved = replace(fit, features=tuple(parts), scores=scores)
+        assert evidence.error.cost(moved) > evidence.error.cost(fit)
 
 
 def _bent(run: Recording, error: float) -> Recording:

@@ -60,9 +60,6 @@ class Constants:
     reweighings: int = 3
     """Times that a fit with the constants and the discrepancy that it leaves follow from each other. Chosen: once
     spread evenly over each signal, then twice block by block."""
-    hurried: int = 2
-    """The last two where derivatives by the constants are dear, and so are runs. Chosen for time: the most likely
-    candidates are fitted once more in any case."""
     sharpened: tuple[int, ...] = (2, 1)
     """Candidates that derivatives by the constants are taken anew for, each time. Chosen: the second time moves the
     payload of an arm, on a ridge with its links' masses, by half of its deviation; a third time by a twentieth."""
@@ -104,6 +101,10 @@ class Constants:
     """Prior scale of what the true effect leaves per feature, in what healthy runs leave. Learned."""
     discrepancy_of_gap: float = 0.1
     """The same in the gap's own square: a large effect is off by more than a small one. Learned."""
+    independent_blocks: float = 32.0
+    """Blocks without references that are independent at least, however many settings share the simulator's error.
+    Learned on real recordings of a cylinder and of a servo, 96 and 128 blocks: with 16 friction that grows with load is
+    hardly distinguished from none of the effects there."""
     discrepancy_of_block: float = 1.0
     """Prior scale of model discrepancy in a block without references, in the variance of scatter there. Chosen:
     as much as scatter, since nothing cancels it."""

@@ -168,6 +168,27 @@ def altogether(detection: Detection, constants: Constants) -> Detection:
     return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
 
 
+def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], constants: Constants) -> Detection:
+    """Return the test with another part: whether an effect is so much likelier than the constants alone.
+
+    Twice the gain of an effect with p parameters is chi-squared distributed with p degrees of freedom (Wilks 1938, Ann.
+    Math. Stat. 9:60; of a likelihood whose blocks are not independent, Varin, Reid and Firth 2011, Stat. Sinica 21:5).
+    Over effects the smallest p-value counts as many times as there are effects, as in `detect`, and of the two parts
+    along effects the smaller one twice (Bonferroni).
+
+    Args:
+        detection: By lengths along effects, and altogether.
+        gains: Log-likelihood that each effect gains, and the number of its parameters.
+        constants: Rate of false alarms.
+
+    """
+    smallest = min((float(stats.chi2.sf(2.0 * max(gain, 0.0), count)) for gain, count in gains), default=1.0)
+    explained = min(1.0, 2.0 * min(detection.explained, smallest * max(len(gains), constants.tested_effects)))
+    p_value = min(1.0, 2.0 * min(explained, detection.unexplained))
+    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
+    return replace(detection, p_value=p_value, gap=gap, probability=probability, explained=explained)
+
+
 def beyond_tolerance(
     detection: Detection, alone: Sequence[float], beside: Sequence[float], constants: Constants
 ) -> Detection:

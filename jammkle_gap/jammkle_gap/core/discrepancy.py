@@ -158,7 +158,7 @@ class Discrepancy:
         self._range = _ranges([settings[k] for k in self._used])
         self._of_blocks = min(constants.discrepancy_freedom, float(len(self._expected)))
         # Over settings the error repeats itself, but no more than it hangs together altogether.
-        self._share = max(1.0 / len(self._used), self._of_blocks / len(self._expected))
+        self._share = max(1.0 / len(self._used), min(1.0, constants.independent_blocks / len(self._expected)))
 
     def difference_with(self, fit: Fit) -> Difference:
         """Return the difference whitened by scatter and the error that a candidate leaves, block by block."""
@@ -177,7 +177,7 @@ class Discrepancy:
             return self.difference
         left = self._left(fit)
         rest = left - self._shared @ fit.scores if len(fit.scores) else left
-        return self._whitened(self._base + self._per_block * beyond(rest, self._healthy, self._signals))
+        return self._whitened(self._variance(rest, self._signals))
 
     def accurate_to(self, accuracy: float) -> tuple[Difference, Difference]:
         """Return the difference whitened by scatter and an error of the simulator as large as its stated accuracy.
@@ -212,6 +212,14 @@ class Discrepancy:
             return float(np.square(left).mean()) / self.difference.healthy
         _, rest, _ = self._split(self._left(fit), fit.scores)
         return float((np.square(rest) / self._base).mean())
+
+    def cost(self, fit: Fit) -> float:
+        """Return what a fit minimises, in nats: what it leaves, as the likelihood has it, and the priors' scores."""
+        if not self._used:
+            return 0.5 * float(np.square(self.difference.whitened - self.difference.whiten(fit.features)).sum())
+        left, prior = self._weighed(fit)
+        sizes = self._constants.discrepancy_of_block * self._expected
+        return 0.5 * (self._share * float(np.log1p(np.maximum(left - self._expected, 0.0) / sizes).sum()) + prior)
 
     def covariance(self, fit: Fit) -> NDArray[np.float64]:
         """Return the posterior covariance of parameters and scores of the constants beside the error (Laplace)."""
@@ -317,9 +325,29 @@ class Discrepancy:
         columns = np.zeros((len(left), 0)) if fitted else self._shared
         alone, total = rest, self._base
         for _ in range(TURNS):
-            total = self._base + self._per_block * beyond(rest, self._healthy, self._blocks)
+            total = self._variance(rest, self._blocks)
             rest, own = self._solved(alone, total, columns)
         return total, rest, prior + own
+
+    def _variance(self, rest: NDArray[np.float64], spread_over: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return the variance of every feature under which least squares has the gradient of the likelihood.
+
+        A block's share in it is that of the logarithm of what it leaves: half of `_share` over what is left there
+        (majorisation; Hunter and Lange 2004, Am. Stat. 58:30). So fits and their scores mean the same.
+
+        Args:
+            rest: What scatter and constants leave of every feature.
+            spread_over: Number of what that is taken on the average of, for every feature: its block or its signal.
+
+        """
+        left = np.square(rest) / self._base
+        further = np.maximum(np.bincount(self._blocks, left) - self._expected, 0.0)[self._blocks]
+        sizes = self._expected[self._blocks]
+        share = np.bincount(spread_over, further) / np.bincount(spread_over, sizes)
+        total: NDArray[np.float64] = (
+            self._base * sizes * (self._constants.discrepancy_of_block + share[spread_over]) / self._share
+        )
+        return total
 
     def _solved(
         self, left: NDArray[np.float64], total: NDArray[np.float64], shared: NDArray[np.float64]

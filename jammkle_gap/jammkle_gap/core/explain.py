@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.core.decide import NONE_OF_THEM, detect
+from jammkle_gap.core.decide import NONE_OF_THEM, by_likelihood, detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
 from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_and_runs, slopes_in
 from jammkle_gap.core.signatures import grids_of
@@ -35,8 +35,10 @@ _FAR = 0.5
 _BEYOND = 2.5
 """Standard deviations from nominal from which on a constant may stand for an effect. Chosen: one of 70 constants of a
 machine as drawn lies beyond."""
-_WORTH_GOING_ON = 4.0
-"""What another step must take off the squared whitened residual, for the constants alone to be fitted on: two nats."""
+_WORTH_GOING_ON = 1.0
+"""Nats that derivatives taken anew must gain, for the constants alone to be fitted on."""
+_CONTENDS = 8.0
+"""Nats below the likeliest candidate within which others are fitted again as it is. Chosen: twice what that gains."""
 _NESTED = 2
 """Candidates from whose constants those alone are fitted once more."""
 
@@ -141,8 +143,7 @@ class _Search:
             # No error is found that would weigh the features anew.
             constants = replace(constants, joint_evaluations=constants.fit_evaluations, reweighings=1)
         elif self._dear:
-            few = constants.hurried
-            constants = replace(constants, refined=constants.refined_beside, joint_evaluations=few, reweighings=few)
+            constants = replace(constants, refined=constants.refined_beside, refined_pairs=constants.refined_beside)
         self._constants = constants
         self.blank = blank_of(error.difference)
         self.finished = True
@@ -151,20 +152,21 @@ class _Search:
     def explained(self, provisional: Provisional | None) -> Explained:
         """Return everything that was fitted."""
         machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
-        nothing, slopes = self._constants_alone()
+        nothing = self._constants_alone()
+        by_scores = nothing.slopes or [each.shared for each in error.difference.settings]
+        slopes = [each @ np.linalg.inv(machine.root) for each in by_scores]
         bases = self._bases(nothing, slopes)
         if provisional is not None:
             length = max(bases[0].length, 1.0)
             provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles])
-        singles = self._best_of(nothing, self.fitted(self._promising_singles(bases), "fitting"))
-        if machine.problem.constants and error.left_per_feature(nothing) < constants.doubtful:
-            # Where little is left, nats decide: constants that a candidate has found may explain more alone, too.
+        singles = self._best_of(nothing, self.fitted(self._promising_singles(bases, nothing, slopes), "fitting"))
+        if machine.problem.constants:
+            # Nats decide: constants that a candidate has found may explain more alone, too.
             work = [
                 (machine, error, replace(blank, scores=each.scores), each, constants, slopes)
                 for each in singles[:_NESTED]
             ]
-            tried = [nothing, *self._until_stopped(fit_beside_error, work, "fitting")]
-            nothing = min(tried, key=lambda fit: _whitened_by(error.difference, fit).left)
+            nothing = min([nothing, *self._until_stopped(fit_beside_error, work, "fitting")], key=error.cost)
         noticed = tuple(_whitened_by(error.difference, fit) for fit in singles)
         alone = _whitened_by(error.difference, nothing)
         pairs: list[Fit] = []
@@ -227,17 +229,23 @@ class _Search:
             kept.setdefault(frozenset(fit.names), fit)
         return list(kept.values())
 
-    def _promising_singles(self, bases: Sequence[_Base]) -> list[_Start]:
+    def _promising_singles(
+        self, bases: Sequence[_Base], nothing: Fit, slopes: Sequence[NDArray[np.float64]]
+    ) -> list[_Start]:
         """Return single effects to be fitted.
 
         Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error
         of the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
         """
         found = [(base, base.fit, place) for base in bases for place in base.singles[: self._constants.refined]]
-        evenly = self.base(self._error.evenly_with(self.blank), self.blank, self.blank, None)
-        known = {place.names for base, _, place in found if base is bases[0]}
+        if len(bases) == 1:
+            evenly = self.base(self._error.evenly_with(self.blank), self.blank, self.blank, None)
+        else:
+            there = self._about(self._error.evenly_with(nothing), nothing, slopes, np.zeros(len(nothing.scores), bool))
+            evenly = self.base(there, nothing, nothing, slopes)
+        known = {place.names for base, _, place in found if base.fit is evenly.fit}
         others = [place for place in evenly.singles[: self._constants.paired] if place.names not in known]
-        return [*found, *((bases[0], self.blank, place) for place in others)]
+        return [*found, *((evenly, evenly.fit, place) for place in others)]
 
     def _promising_pairs(self, singles: Sequence[Fit], about: _Base) -> list[_Start]:
         """Return pairs to be fitted: from fitted effects on, and by grids alone.
@@ -263,34 +271,25 @@ class _Search:
         self._runner.count(made for _, made in answers)
         return [slopes for slopes, _ in answers]
 
-    def _constants_alone(self) -> tuple[Fit, list[NDArray[np.float64]]]:
-        """Return the constants fitted alone, as well as they can be, and their derivatives there.
+    def _constants_alone(self) -> Fit:
+        """Return the constants fitted alone, as well as they can be, with their derivatives there.
 
-        What they leave is what is asked about. Where derivatives are dear they are taken once, forward, and updated.
+        What they leave is what is asked about.
         """
-        machine, error, constants, blank = self._machine, self._error, self._constants, self.blank
-        fit, made = fit_beside_error(machine, error, blank, blank, constants, None)
+        machine, error, constants = self._machine, self._error, self._constants
+        fit, made = fit_beside_error(machine, error, self.blank, self.blank, constants, None)
         self._runner.count([made])
-        slopes = [each.shared for each in error.difference_with(blank).settings]
         if not fit.features:
-            return blank, slopes
-        steps = constants.calibration_steps if machine.problem.constants else 0
-        for turn, whitened in enumerate((error.evenly_with, error.difference_with)):
-            for step in range(steps):
-                difference = whitened(fit)
-                if step == 0 and (self._affordable or turn == 0):
-                    slopes = self._slopes(difference, fit, CENTRAL if self._affordable else FORWARD)
-                signatures = machine.signatures()
-                found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
-                self._runner.count([signatures.made])
-                before = _whitened_by(difference, fit).left
-                if not found.features or found.left >= before:
-                    break
-                slopes = _updated(slopes, machine, difference, fit, found)
-                fit = found
-                if before - found.left < _WORTH_GOING_ON:
-                    break
-        return fit, slopes
+            return self.blank
+        for _ in range(constants.calibration_steps if machine.problem.constants else 0):
+            slopes = self._slopes(error.difference_with(fit), fit, CENTRAL if self._affordable else FORWARD)
+            found, made = fit_beside_error(machine, error, fit, fit, constants, slopes, evenly=False)
+            self._runner.count([made])
+            gained = error.cost(fit) - error.cost(found) if found.features else 0.0
+            fit = found if gained > 0.0 else fit
+            if gained < _WORTH_GOING_ON:
+                break
+        return fit
 
     def _bases(self, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> list[_Base]:
         """Return where effects are looked for: beside constants about nominal, where they explain most, and between.
@@ -342,7 +341,9 @@ class _Search:
         elif doubtful and self._affordable:
             rounds = [*((evenly, most) for evenly in (True, False) for most in constants.sharpened_in_doubt), *rounds]
         if self._dear:
-            chosen = sorted(self._likeliest(own, constants.sharpened[0] if gap else 0), key=lambda names: -own[names])
+            best = max(own.values())
+            near = {names: score for names, score in own.items() if score > best - _CONTENDS or not names}
+            chosen = sorted(self._likeliest(near, constants.refined_beside), key=lambda n: -own[n]) if gap else []
             known.update({fit.names: fit for fit in self._sharpened_together([known[names] for names in chosen], what)})
             return known, self._scored(known)
         for evenly, most in rounds:
@@ -367,33 +368,17 @@ class _Search:
 
     def _sharpened_together(self, fits: Sequence[Fit], what: str) -> list[Fit]:
         """Return candidates fitted again with derivatives by the constants where the first of them has come to."""
-        if not self.finished:
+        about = next((fit for fit in fits if fit.names), None)
+        if about is None or not self.finished:
             return []
-        about = next((fit for fit in fits if fit.names), fits[0])
         try:
             slopes = self._slopes(self._error.difference_with(about), about, FORWARD, what)
         except StoppedError:
             self.finished = False
             return []
         slopes = [each[:, each.shape[1] - len(self._machine.problem.constants) :] for each in slopes]
-        patient = replace(self._constants, joint_evaluations=self._constants.fit_evaluations)
-        work = [(self._machine, self._error, fit, fit, patient, slopes) for fit in fits]
+        work = [(self._machine, self._error, fit, fit, self._constants, slopes) for fit in fits]
         return self._until_stopped(partial(fit_beside_error, evenly=False), work, what)
-
-
-def _updated(
-    slopes: Sequence[NDArray[np.float64]], machine: Machine, difference: Difference, before: Fit, after: Fit
-) -> list[NDArray[np.float64]]:
-    """Return derivatives that explain the last step as well (Broyden 1965, Math. Comp. 19:577), at no further run."""
-    scores = after.scores - before.scores
-    step = machine.root @ scores
-    if not step.any():
-        return list(slopes)
-    found = []
-    for k, own in enumerate(slopes):
-        change = after.features[k] - before.features[k] + difference.settings[k].shared @ scores
-        found.append(own + np.outer(change - own @ step, step) / (step @ step))
-    return found
 
 
 def detect_beside_error(
@@ -418,7 +403,9 @@ def detect_beside_error(
     given = replace(constants, direction_prior_freedom=constants.discrepancy_freedom)
     by_bin, by_block = error.accurate_to(machine.problem.accuracy)
     alone, whole = _whitened_by(by_block, nothing).left, (by_bin, _whitened_by(by_bin, nothing).left)
-    return detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
+    found = detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
+    gains = [(error.cost(nothing) - error.cost(fit), len(fit.values)) for fit in singles]
+    return by_likelihood(found, gains, constants)
 
 
 def _whitened_by(difference: Difference, fit: Fit) -> Fit:
@@ -459,14 +446,16 @@ def fit_beside_error(
 
     """
     difference = error.evenly_with(before) if evenly else error.difference_with(before)
-    signatures, fit = machine.signatures(), start
+    signatures, fit, best = machine.signatures(), start, start
     for _ in range(constants.reweighings):
         found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
         if not found.features:
             break
         fit = found
+        # Where it begins it has been fitted before if it has derivatives.
+        best = fit if not best.slopes or error.cost(fit) < error.cost(best) else best
         difference = error.difference_with(fit)
-    return fit, signatures.made
+    return best, signatures.made
 
 
 def sharpen(
@@ -482,10 +471,11 @@ def sharpen(
         evenly: For each time that it is fitted, whether what it leaves is spread evenly over each signal.
 
     """
-    signatures = machine.signatures()
+    signatures, best = machine.signatures(), fit
     for way in evenly:
         difference = error.evenly_with(fit) if way else error.difference_with(fit)
         slopes = [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
         found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
         fit = found if found.features else fit
-    return fit, signatures.made
+        best = fit if error.cost(fit) < error.cost(best) else best
+    return best, signatures.made

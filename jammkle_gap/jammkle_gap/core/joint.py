@@ -163,7 +163,7 @@ def fit_jointly(
             np.zeros_like(begin),
             jac=lambda step: objective.jacobian(begin + step),
             bounds=(low - begin, high - begin),
-            x_scale=np.concatenate([np.ones(objective.count), np.full(len(begin) - objective.count, _FIRST_STEP)]),
+            x_scale=objective.scale,
             max_nfev=constants.joint_evaluations,
             xtol=constants.fit_tolerance**2,
             ftol=_NEGLIGIBLE / difference.whitened.size,
@@ -175,10 +175,9 @@ def fit_jointly(
     scores = objective.scores(place)
     parts = [part - each.shared @ scores for part, each in zip(made, difference.settings, strict=True)]
     signature = difference.whiten(parts)
-    by_parameters = [each / objective.span for each in difference.split(objective.derivatives(place))]
-    by_scores = [each.shared for each in difference.settings]
-    if slopes is not None:
-        by_scores = [each[:, each.shape[1] - len(scores) :] @ machine.root for each in slopes]
+    derivatives, count = objective.derivatives(place), objective.count
+    by_parameters = difference.split(derivatives[:, :count] / objective.span)
+    by_scores = difference.split(derivatives[:, count:] @ machine.root)
     return Fit(
         start.names,
         objective.values(place),
@@ -217,15 +216,18 @@ class _Objective:
         self._slopes: NDArray[np.float64] | None = None
         if own and own[0].shape[1] == self.count:
             self._slopes = np.concatenate(own) * self.span
-        self._along = difference.shared
         if slopes is not None:
-            self._along = difference.by_scatter([each[:, each.shape[1] - len(self._mean) :].T for each in slopes]).T
-        elif len(self._root):
+            self._by_constants = np.concatenate([each[:, each.shape[1] - len(self._mean) :] for each in slopes])
+        else:
             # By the deviations themselves, since these are what has bounds.
-            self._along = solve_triangular(self._root, self._along.T, trans="T", lower=True).T
+            columns = np.concatenate([each.shared for each in difference.settings])
+            self._by_constants = solve_triangular(self._root, columns.T, trans="T", lower=True).T
+        self.scale = np.concatenate([np.ones(self.count), np.full(len(self._mean), _FIRST_STEP)])
+        """Of parameters' shares and of constants."""
+        self._columns = np.zeros((sum(each.size for each in difference.settings), len(self.scale)))
+        self._last: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._target = difference.by_scatter(machine.raw)
         self._known: dict[bytes, list[NDArray[np.float64]] | None] = {}
-        self._derived: dict[bytes, NDArray[np.float64]] = {}
 
     def begin(self, start: Fit) -> NDArray[np.float64]:
         """Return where a candidate stands, within the bounds."""
@@ -260,29 +262,48 @@ class _Objective:
         return np.concatenate([self._target - change, self.scores(place)])
 
     def derivatives(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return derivatives of the features by shares of the parameters' ranges, shape (n, parameters)."""
-        if self._slopes is not None:
-            return self._slopes
-        key = place.tobytes()
-        if key not in self._derived:
-            reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))
+        """Return derivatives of the features by shares of the parameters' ranges and by the constants.
 
-            def stacked(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-                made = self.features(np.concatenate([shares, place[self.count :]]))
-                return np.full(len(self._target), _INFEASIBLE) if made is None else np.concatenate(made)
+        Beside constants they are taken once, and then explain every step as well (Broyden 1965, Math. Comp. 19:577), at
+        no further run.
 
-            def length(change: NDArray[np.float64]) -> float:
-                return float(np.linalg.norm(self._difference.by_scatter(self._difference.split(change))))
+        Returns:
+            Shape (n, parameters + constants).
 
-            self._derived[key] = quotients(stacked, place[: self.count], self._null, reach, length)
-        return self._derived[key]
+        """
+        made = self.features(place)
+        if made is None or (self._last is not None and np.array_equal(self._last[0], place)):
+            return self._columns
+        here = np.concatenate(made)
+        if self._last is None or not len(self._root):
+            own = self._slopes if self._slopes is not None else self._by_parameters(place)
+            self._columns = np.hstack([own, self._by_constants])
+        else:
+            step = place - self._last[0]
+            further = here - self._last[1] - self._columns @ step
+            scaled = step / self.scale
+            self._columns = self._columns + np.outer(further, scaled / self.scale / (scaled @ scaled))
+        self._last = (place, here)
+        return self._columns
+
+    def _by_parameters(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        reach = float(np.linalg.norm(self.left(place)[: len(self._target)]))
+
+        def stacked(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+            made = self.features(np.concatenate([shares, place[self.count :]]))
+            return np.full(len(self._target), _INFEASIBLE) if made is None else np.concatenate(made)
+
+        def length(change: NDArray[np.float64]) -> float:
+            return float(np.linalg.norm(self._difference.by_scatter(self._difference.split(change))))
+
+        return quotients(stacked, place[: self.count], self._null, reach, length)
 
     def jacobian(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return derivatives of `left`."""
-        own = self._difference.by_scatter([each.T for each in self._difference.split(self.derivatives(place))]).T
+        columns = self._difference.by_scatter([each.T for each in self._difference.split(self.derivatives(place))]).T
         inverse = np.linalg.inv(self._root) if len(self._root) else self._root
         prior = np.hstack([np.zeros((len(self._root), self.count)), inverse])
-        rows: NDArray[np.float64] = np.vstack([np.hstack([-own, -self._along]), prior])
+        rows: NDArray[np.float64] = np.vstack([-columns, prior])
         return rows
 
 
