@@ -323,7 +323,7 @@ class _Requests:
     def __init__(
         self, node: Node, engine: Engine, reset: Callable[[], None], on_state_change: Callable[[], None]
     ) -> None:
-        """Offer the services; resetting may raise RefusedError, and every granted request is told."""
+        """Offer the services; resetting may raise RefusedError, and every granted request is passed on."""
         self._engine = engine
         self._reset_machine = reset
         self._on_state_change = on_state_change

@@ -108,7 +108,7 @@ def run_picture(
 ) -> RunPicture:
     """Read a bag once, and return the picture of the ankle in a normalised namespace; None: of the only one.
 
-    The share that was read, 0 to 1, is told now and then, and it is asked whether to stop.
+    The share that was read, 0 to 1, is reported now and then, and it is asked whether to stop.
 
     Raises:
         InputError: it cannot be read, holds nothing of an ankle, or several ankles and none is chosen.

@@ -180,7 +180,7 @@ HANGING = "pressure"
 
 
 Naming = dict[str, str]
-"""What an ankle's joints and tendons are called in the model, by what its topics call them. Others are called alike."""
+"""What an ankle's joints and tendons are called in the model, by what topics call them; those that differ alone."""
 
 
 @dataclasses.dataclass(frozen=True)
