@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.core.discrepancy import TURNS, beyond, blocks_of
+from jammkle_gap.core.discrepancy import TURNS, blocks_of
 from jammkle_gap.core.scatter import residuals_of
 from jammkle_gap.core.simulate import Task, UnrunnableError
 
@@ -102,7 +102,7 @@ def calibrate(
             weighted = jacobian / total[:, np.newaxis]
             covariance = np.linalg.inv(jacobian.T @ weighted + np.eye(count))
             step = covariance @ (weighted.T @ current - place)
-            total = variance + bins_per_block * beyond(current - jacobian @ step, variance, blocks)
+            total = variance + bins_per_block * _beyond(current - jacobian @ step, variance, blocks)
         before = _objective(current, total, place)
         for _ in range(_HALVINGS):
             made = references.left(place + step)
@@ -117,6 +117,13 @@ def calibrate(
     after = float((np.square(current) / variance).mean())
     deviations = {each.name: float(x) for each, x in zip(problem.constants, place, strict=True)}
     return Calibration(_values(problem.constants, place), deviations, covariance, left, after)
+
+
+def _beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the variance of model discrepancy: what is left beyond scatter, by block, for every feature."""
+    counts = np.bincount(blocks)
+    mean = np.bincount(blocks, np.square(left) - variance) / counts
+    return np.maximum(mean, 0.0)[blocks]
 
 
 def runnable(

@@ -67,13 +67,6 @@ def _ranges(settings: Sequence[Setting]) -> NDArray[np.float64]:
     return np.concatenate(found)
 
 
-def beyond(left: NDArray[np.float64], variance: NDArray[np.float64], blocks: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the variance of model discrepancy: what is left beyond scatter, by block, for every feature."""
-    counts = np.bincount(blocks)
-    mean = np.bincount(blocks, np.square(left) - variance) / counts
-    return np.maximum(mean, 0.0)[blocks]
-
-
 def by_length(
     length: float, healthy: float, left: Sequence[float], freedom: float, constants: Constants
 ) -> NDArray[np.float64]:
@@ -215,11 +208,13 @@ class Discrepancy:
 
     def cost(self, fit: Fit) -> float:
         """Return what a fit minimises, in nats: what it leaves, as the likelihood has it, and the priors' scores."""
-        if not self._used:
-            return 0.5 * float(np.square(self.difference.whitened - self.difference.whiten(fit.features)).sum())
-        left, prior = self._weighed(fit)
-        sizes = self._constants.discrepancy_of_block * self._expected
-        return 0.5 * (self._share * float(np.log1p(np.maximum(left - self._expected, 0.0) / sizes).sum()) + prior)
+        rest = (self.difference.whitened - self.difference.whiten(fit.features))[self._referenced]
+        total = float(np.square(rest).sum())
+        if self._used:
+            left, prior = self._weighed(fit)
+            sizes = self._constants.discrepancy_of_block * self._expected
+            total += self._share * float(np.log1p(np.maximum(left - self._expected, 0.0) / sizes).sum()) + prior
+        return 0.5 * total
 
     def covariance(self, fit: Fit) -> NDArray[np.float64]:
         """Return the posterior covariance of parameters and scores of the constants beside the error (Laplace)."""

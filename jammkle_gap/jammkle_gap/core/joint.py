@@ -2,10 +2,9 @@
 
 Maximum of the posterior: the whitened residual of all recordings, with the tolerances of the constants as their priors
 and bounds (Gauss-Newton in a trust region, scipy's `least_squares`). Where references have calibrated the constants,
-these are held. Derivatives by the constants are taken once for each recording, at the nominal machine, and shared by
-all candidates, as in a chord method (Ortega and Rheinboldt 1970, Iterative Solution of Nonlinear Equations, ch. 7). It
-ends where these derivatives say that the gradient is 0, which is beside the maximum: for the best candidates they are
-taken again where the fit has come to.
+these are held. Derivatives by the constants are taken once for each recording, are shared by all candidates, and follow
+the steps of each (Broyden 1965, Math. Comp. 19:577); for the best candidates they are taken again where the fit
+has come to.
 """
 
 from __future__ import annotations
