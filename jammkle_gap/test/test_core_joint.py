@@ -24,6 +24,7 @@ from jammkle_gap import (
     diagnose,
     evidence_of,
 )
+from jammkle_gap.core.predict import predicting
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
 if TYPE_CHECKING:
@@ -238,3 +239,16 @@ def test_a_limit_is_found_whose_bound_is_rounded_on_its_grid() -> None:
     found = diagnose([run], Problem(limited, Library((LIMIT,))), jobs=1)
     assert found.silent == ()
     assert named(found, "stop")[0] == pytest.approx(11.3, abs=0.01)
+
+
+def test_an_effect_that_is_another_in_each_setting_does_not_predict() -> None:
+    """Each setting from the others: one load in all as well as where all are fitted, a load for each much worse."""
+
+    def further(runs: list[Recording]) -> float:
+        found = evidence_of(runs, [], EXACT, Runner(EXACT, 1), Constants(), None)
+        fit = found.explained.fits["load",]
+        return found.error.cost(predicting(found.machine, found.error, fit)) - found.error.cost(fit)
+
+    same, other = (recorded(31, {"load.share": share}, {}) for share in (0.3, 0.7))
+    assert further(same) < 1.0
+    assert further([same[0], *other[1:]]) > 3.0

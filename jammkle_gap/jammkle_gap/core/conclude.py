@@ -18,8 +18,9 @@ from jammkle_gap.core.decide import (
 )
 from jammkle_gap.core.design import DETECTABLE, next_experiment
 from jammkle_gap.core.explain import detect_beside_error
-from jammkle_gap.core.ledger import by_setting, by_time, ledger_of, predicted
+from jammkle_gap.core.ledger import ledger_of
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
+from jammkle_gap.core.predict import by_setting, by_time, predicted
 from jammkle_gap.core.result import (
     Candidate,
     Diagnosis,
