@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import statistics
 from itertools import pairwise
@@ -96,7 +97,7 @@ def test_a_quadruped_stands_jams_and_is_recorded(
     # long as all are jammed: at the end the boards vent, and the robot bobs.
     begin_s = max(next(time_s(each) for each in own if is_jammed(each)) for own in states.values())
     later = [[each for each in own if time_s(each) > begin_s] for own in states.values()]
-    end_s = min(next(time_s(each) for each in own if not is_jammed(each)) for own in later)
+    end_s = min(next((time_s(each) for each in own if not is_jammed(each)), math.inf) for own in later)
     forces = [
         sum(foot.normal_force_n for foot in feet)
         for feet in zip(*contacts.values(), strict=False)
