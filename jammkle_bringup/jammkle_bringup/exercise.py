@@ -18,7 +18,9 @@ import numpy as np
 import yaml
 from builtin_interfaces.msg import Duration
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
@@ -91,6 +93,7 @@ _COUNT_S = 5
 """Seconds that a person is given to take the shank."""
 _STANDS_S = 10.0
 """Real time, s, for which the graph's clock may stand still."""
+_STANDS = f"{CLOCK.name} stands still for {_STANDS_S:g} s; let the simulation go on with sim/set_paused"
 
 
 def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Callable[[], bool]) -> None:
@@ -178,26 +181,31 @@ class _Session:
         self._done = client.node.create_publisher(Header, resolved(client.namespace, LOCKSTEP.name), answer_qos())
         client.subscribe(Clock, CLOCK, self._take_clock, subscriber_qos(CLOCK))
         client.wait_until(lambda: set(self._joints) == set(self._ankles), _SEEN_S)
-        self._built = {name: self._value_of(node, name) for node, name in AS_BUILT}
+        # a wait that begins before the first tick would begin by another clock than it ends
+        is_simulated = self._value_of(DRIVER_NODE, "use_sim_time").bool_value
+        if is_simulated and not client.wait_until(lambda: self._time_s is not None, _STANDS_S):
+            raise GraphError(_STANDS)
+        self._built = {name: self._value_of(node, name).double_value for node, name in AS_BUILT}
         self._set_auto(automatic=False)
 
-    def _value_of(self, node: str, name: str) -> float:
-        """Return how the ankles are built, as a node of each knows it.
+    def _value_of(self, node: str, name: str) -> ParameterValue:
+        """Return a parameter of a node of every ankle; it is not set, that is 0 and false, where the node has none.
 
         Raises:
-            InputError: one ankle is built otherwise than another.
+            InputError: it is another for one ankle than for another.
 
         """
-        found = {}
+        found: dict[str, ParameterValue] = {}
         for ankle in self._ankles:
             path = below(ankle, f"{node}/get_parameters")
             answer = self._client.call(path, GetParameters, GetParameters.Request(names=[name]))
-            found[ankle] = float(answer.values[0].double_value) if answer.values else 0.0
-        if len(set(found.values())) > 1:
-            said = ", ".join(f"{ankle} {value:g}" for ankle, value in found.items())
+            found[ankle] = answer.values[0] if answer.values else ParameterValue()
+        first = next(iter(found.values()))
+        if any(value != first for value in found.values()):
+            said = ", ".join(f"{ankle} {parameter_value_to_python(value)}" for ankle, value in found.items())
             msg = f"{name} of the nodes {node} differs ({said}), and a run sheet has one for all: set the same"
             raise InputError(msg)
-        return next(iter(found.values()))
+        return first
 
     def do(self, sheet: RunSheet, bag: Path) -> None:
         """Do one exercise and record it."""
@@ -363,8 +371,7 @@ class _Session:
             if self._now_s() > before_s:
                 before_s, stood_s = self._now_s(), time.monotonic()
             elif time.monotonic() - stood_s > _STANDS_S:
-                msg = f"{CLOCK.name} stands still for {_STANDS_S:g} s; let the simulation go on with sim/set_paused"
-                raise GraphError(msg)
+                raise GraphError(_STANDS)
 
     def _set_auto(self, *, automatic: bool) -> None:
         for ankle in self._ankles:

@@ -249,8 +249,12 @@ def pass_on(name: str, line: str) -> None:
 
 RECORDER = "recorder"
 
-READY_TIMEOUT_S = 30.0
-"""Until all nodes are there. Assumed; a first start compiles the simulation's laws, which takes some seconds."""
+READY_TIMEOUT_S = 300.0
+"""Until all nodes are there, s of real time: who dies is noticed at once, so only one that hangs takes so long. Chosen:
+a start takes 3 s, but was seen to take over 30 s where eleven processes wanted two slow cores."""
+
+_SAID_EVERY_S = 15.0
+"""How long nothing is said of what a start waits for, s of real time."""
 
 _STATE_TIMEOUT_S = 2.0
 
@@ -302,12 +306,24 @@ class Startup:
             self._fail(deaths[0].text())
         return held
 
+    def _wait_for(self, missing: Callable[[], str]) -> bool:
+        """Wait until nothing is missing, and say now and then what is; False when the time is up."""
+        left_s = READY_TIMEOUT_S
+        while not self.wait(lambda: not missing(), min(_SAID_EVERY_S, left_s)):
+            left_s -= _SAID_EVERY_S
+            if left_s <= 0.0:
+                return False
+            say(f"still waiting for {missing()}")
+        return True
+
     def wait_until_connected(self, members: Collection[str], ankles: Sequence[str] = ("",)) -> None:
         """Wait until these nodes (`sim`, `lf_ankle/driver`) of these ankles are connected to each other."""
-        timeout_s = READY_TIMEOUT_S * len(ankles)
-        if not self.wait(lambda: not _missing(self.client, members, ankles), timeout_s):
-            missing = ", ".join(_missing(self.client, members, ankles))
-            self._fail(f"not ready after {timeout_s:g} s, missing: {missing}")
+
+        def missing() -> str:
+            return ", ".join(_missing(self.client, members, ankles))
+
+        if not self._wait_for(missing):
+            self._fail(f"not ready after {READY_TIMEOUT_S:g} s, missing: {missing()}")
 
     def wait_until_in_step(self, members: Collection[str]) -> None:
         """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step."""
@@ -321,24 +337,35 @@ class Startup:
 
         self.client.subscribe(DiagnosticArray, DIAGNOSTICS, take, subscriber_qos(DIAGNOSTICS))
         wanted = {resolved(self.client.namespace, member) for member in members}
-        if not self.wait(lambda: wanted <= in_step, READY_TIMEOUT_S * len(members)):
-            self._fail(f"not in step with the simulation: {', '.join(sorted(wanted - in_step))}")
+
+        def missing() -> str:
+            return ", ".join(sorted(wanted - in_step))
+
+        if not self._wait_for(missing):
+            self._fail(f"not in step with the simulation after {READY_TIMEOUT_S:g} s: {missing()}")
 
     def wait_until_active(self, driver: str = DRIVER_NODE) -> None:
-        """Wait until a driver, by its name relative to the graph's namespace, is active."""
-        state = State.PRIMARY_STATE_UNKNOWN
+        """Wait until a driver, by its name relative to the graph's namespace, is active.
 
-        def active() -> bool:
+        One that starts by itself answers only once it has been through that.
+        """
+        state: int | None = None
+
+        def answers() -> bool:
             nonlocal state
             try:
                 answer = self.client.call(f"{driver}/get_state", GetState, GetState.Request(), _STATE_TIMEOUT_S)
             except GraphError:  # not yet; a driver that died is noticed by `wait`
                 return False
-            state = answer.current_state.id
-            return bool(state == State.PRIMARY_STATE_ACTIVE)
+            state = int(answer.current_state.id)
+            return True
 
-        if not self.wait(active, READY_TIMEOUT_S):
-            self._fail(f"{driver} is not active after {READY_TIMEOUT_S:g} s (lifecycle state {state})")
+        if not self.wait(answers, READY_TIMEOUT_S):
+            self._fail(f"{driver} has not answered for {READY_TIMEOUT_S:g} s")
+        if state != State.PRIMARY_STATE_ACTIVE:
+            self._fail(
+                f"{driver} is not active (lifecycle state {state}): it could not be configured, its lines say why"
+            )
 
     def join_clock(self) -> None:
         """Let the paused simulation start at the /clock that another one makes, if that one's time has begun."""
@@ -346,7 +373,7 @@ class Startup:
         self.client.subscribe(Clock, CLOCK, ticks.append, subscriber_qos(CLOCK))
         setter = f"{SIM_NODE}/set_parameters"
         # who makes it may be starting just now; a clock that stands is repeated every 0.5 s
-        if not self.wait(lambda: bool(ticks), READY_TIMEOUT_S):
+        if not self.wait(lambda: bool(ticks), STUCK_S):
             return
         for _ in range(_JOIN_TRIES):
             start_s = _clock_ns(ticks[-1]) / NANOSECONDS_PER_SECOND

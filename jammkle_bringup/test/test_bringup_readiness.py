@@ -50,6 +50,16 @@ def test_a_death_ends_the_wait() -> None:
 
 
 @pytest.mark.usefixtures("ros_domain")
+def test_a_driver_that_could_not_be_configured_is_not_waited_for() -> None:
+    """It answers, and is not active: nothing more will come of it."""
+    idle = ChildSpec("driver", (sys.executable, "-m", "jammkle_driver", "--ros-args", "-p", "autostart:=false"))
+    with Supervisor([idle], lambda *_: None) as supervisor, GraphClient("/", lambda: False) as client:
+        startup = Startup(client, supervisor)
+        with pytest.raises(GraphError, match=r"driver is not active \(lifecycle state 1\)"):
+            startup.wait_until_active()
+
+
+@pytest.mark.usefixtures("ros_domain")
 def test_a_request_to_stop_ends_the_wait() -> None:
     """Ctrl-C need not wait for nodes that never come."""
     end_s = time.monotonic() + 0.3
