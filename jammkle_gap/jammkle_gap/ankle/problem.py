@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from importlib import metadata, resources
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.design import Experiment
 from jammkle_gap.core.effects import Library, Nuisance
 from jammkle_gap.core.simulate import Problem
-from jammkle_sim.rigs.catalogue import rig_kind, run_rig
+from jammkle_sim.rigs.catalogue import EXERCISES, rig_kind, run_rig
 from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 _BIN_S = 0.02
 _SLOW_BIN_S = {"slip": 0.05, "cycle": 0.04, "press": 0.04, "shake": 0.04, "tilt": 0.04}
 """Length of a bin, s, and where runs are slow: an exercise moves by at most 6 Hz."""
+_COARSE_S = 1e-3
+"""The longest step that a rig takes."""
 _ACCURACY = 0.01
 """Share of a signal's range that the simulator is off by when its constants are fitted. Learned on pressure cycles and
 pulls of three healthy specimens in other equations (the second simulator of studies/blind, specimens 11 to 13), which
@@ -68,6 +70,7 @@ def ankle_problem(library: Library | None = None) -> Problem:
         alignment=AnkleAlignment(),
         accuracy=_ACCURACY,
         bin_s=bin_s,
+        coarse=coarse,
         version=version(),
         group_of=group_of,
     )
@@ -76,6 +79,19 @@ def ankle_problem(library: Library | None = None) -> Problem:
 def bin_s(recording: Recording) -> float:
     """Return the length of a bin for a recording's rig, s."""
     return _SLOW_BIN_S.get(inputs_of(recording).rig, _BIN_S)
+
+
+def coarse(recording: Recording) -> Recording:
+    """Return an exercise as it is run for signatures and derivatives: in steps of 1 ms.
+
+    By 72 constants and 55 effects these differ from those in steps of 0.5 ms by 0.3 % in the median, at half the cost.
+    Rigs that drop, slip or pull stay as they are: a blow takes less than a millisecond.
+    """
+    inputs = inputs_of(recording)
+    if inputs.rig not in EXERCISES:
+        return recording
+    options = tuple(sorted({**dict(inputs.options), "timestep_s": _COARSE_S}.items()))
+    return replace(recording, inputs=replace(inputs, options=options))
 
 
 @lru_cache(maxsize=1)

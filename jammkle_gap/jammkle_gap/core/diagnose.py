@@ -16,7 +16,7 @@ from jammkle_gap.core.decide import classes_of
 from jammkle_gap.core.discrepancy import Discrepancy
 from jammkle_gap.core.explain import explain, least_left
 from jammkle_gap.core.fit import grid_features, grid_signatures
-from jammkle_gap.core.joint import FORWARD, Machine, blank_of, slopes_and_runs
+from jammkle_gap.core.joint import FORWARD, Machine, blank_of, slopes_in
 from jammkle_gap.core.scatter import difference_of, refuse_copies, residuals_of, settings_of, whitened_difference
 from jammkle_gap.core.signatures import Dictionary, cache_folder, dictionary_of, grids_of, with_readings
 from jammkle_gap.core.simulate import Runner, on_one_thread
@@ -148,7 +148,7 @@ def evidence_of(
             # Settings with references have calibrated the constants; else drawings give their tolerances.
             blank = blank_of(difference, [each @ machine.root for each in slopes])
             work = [(k, machine, difference, blank, FORWARD) for k in range(len(settings))]
-            answers = runner.map(slopes_and_runs, work, "constants of the machine")
+            answers = runner.map(slopes_in, work, "constants of the machine")
             runner.count(made for _, made in answers)
             difference = differing(calibrated, [each @ machine.root for each, _ in answers])
         error = Discrepancy(settings, machine.raw, difference, constants)

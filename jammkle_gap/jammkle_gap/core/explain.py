@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_gap.core.decide import NONE_OF_THEM, by_likelihood, detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
-from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_and_runs, slopes_in
+from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_in
 from jammkle_gap.core.predict import predicting
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import Made, StoppedError
@@ -268,7 +268,7 @@ class _Search:
     ) -> list[NDArray[np.float64]]:
         """Return derivatives of the features where a candidate has come to, a setting at a time."""
         work = [(k, self._machine, difference, fit, ends_at) for k in self._settings]
-        answers = self._runner.map(slopes_and_runs, work, what)
+        answers = self._runner.map(slopes_in, work, what)
         self._runner.count(made for _, made in answers)
         return [slopes for slopes, _ in answers]
 
@@ -475,11 +475,13 @@ def sharpen(
         evenly: For each time that it is fitted, whether what it leaves is spread evenly over each signal.
 
     """
-    signatures, best = machine.signatures(), fit
+    signatures, best, runs = machine.signatures(), fit, list[Made]()
     for way in evenly:
         difference = error.evenly_with(fit) if way else error.difference_with(fit)
-        slopes = [slopes_in(k, machine, difference, fit, signatures) for k in range(len(machine.settings))]
-        found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
+        slopes = [slopes_in(k, machine, difference, fit) for k in range(len(machine.settings))]
+        runs += [made for _, made in slopes]
+        found = fit_jointly(machine, difference, fit, signatures, constants, [each for each, _ in slopes])
         fit = found if found.features else fit
         best = fit if error.cost(fit) < error.cost(best) else best
-    return best, signatures.made
+    runs.append(signatures.made)
+    return best, Made(sum(each.runs for each in runs), sum(each.simulated_s for each in runs))

@@ -74,6 +74,12 @@ class Machine:
         """Return what simulates the machine about what is known of it."""
         return Signatures(self.problem, self.settings, self.values(self.mean), self.silent)
 
+    def coarse(self) -> Signatures:
+        """Return the same for derivatives."""
+        runs = [(self.problem.coarse(each.faulty[0]), *each.faulty[1:]) for each in self.settings]
+        settings = [replace(each, faulty=faulty) for each, faulty in zip(self.settings, runs, strict=True)]
+        return Signatures(self.problem, settings, self.values(self.mean), self.silent)
+
     @property
     def mean(self) -> NDArray[np.float64]:
         """Deviations that are known beforehand, shape (constants,)."""
@@ -316,24 +322,23 @@ def slopes_in(
     machine: Machine,
     difference: Difference,
     fit: Fit,
-    signatures: Signatures,
     ends_at: tuple[float, float] = CENTRAL,
-) -> NDArray[np.float64]:
-    """Return derivatives of the features of one setting where a candidate has come to.
+) -> tuple[NDArray[np.float64], Made]:
+    """Return derivatives of the features of one setting where a candidate has come to, and the runs that it took.
 
     Args:
         k: Which setting.
         machine: The recordings.
         difference: Tells which constants move what; those that hardly move a setting keep the derivatives they have.
         fit: The candidate.
-        signatures: Simulates the machine.
         ends_at: `CENTRAL` or `FORWARD`.
 
     Returns:
-        Shape (n, parameters + constants): by each parameter, and by one standard deviation of each constant.
+        Derivatives of shape (n, parameters + constants): by each parameter, and by one standard deviation of each
+        constant.
 
     """
-    parameters = machine.problem.library.parameters(fit.names)
+    signatures, parameters = machine.coarse(), machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
     free, known = len(parameters), fit.slopes[k]
@@ -360,15 +365,7 @@ def slopes_in(
         after, before = (signatures.part(k, *end) for end in ends)
         if after is not None and before is not None:
             found[:, i] = (after - before) / width
-    return found
-
-
-def slopes_and_runs(
-    k: int, machine: Machine, difference: Difference, fit: Fit, ends_at: tuple[float, float]
-) -> tuple[NDArray[np.float64], Made]:
-    """Return `slopes_in`, and the runs that it took."""
-    signatures = machine.signatures()
-    return slopes_in(k, machine, difference, fit, signatures, ends_at), signatures.made
+    return found, signatures.made
 
 
 def quotients(

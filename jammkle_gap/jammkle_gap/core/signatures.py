@@ -315,7 +315,7 @@ def dictionary_of(
         folder: Where dictionaries are kept; None: nowhere.
 
     """
-    layout = layout_of([recording], problem.bin_s(recording), problem.alignment)
+    layout, recording = layout_of([recording], problem.bin_s(recording), problem.alignment), problem.coarse(recording)
     # A group that has no name could be anything.
     kept = folder if problem.version and problem.group_of(recording) else None
     name = _digest(recording, layout, problem, constants)

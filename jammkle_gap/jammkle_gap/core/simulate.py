@@ -125,6 +125,9 @@ class Problem:
     a gap is what is larger. 0: its equations are the machine's."""
     bin_s: Callable[[Recording], float] = lambda _: 0.02
     """Length of a bin, s."""
+    coarse: Callable[[Recording], Recording] = lambda recording: recording
+    """A recording as it is run for signatures and derivatives, of which differences count alone: in longer steps of
+    time, where these make the same difference in less time."""
     version: str = ""
     """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
     group_of: Callable[[Recording], str] = lambda recording: recording.setting

@@ -122,8 +122,8 @@ def add_guided_carriage(spec: Any) -> Any:
     carriage.mass, carriage.ipos, carriage.inertia = GUIDED_KG, (0.0, 0.0, 0.0), (GUIDED_KG_M2,) * 3
     carriage.explicitinertial = True
     carriage.add_site(name="imu")
-    # MuJoCo ends its search for contact forces by the mean inertia of the machine, to which a foot of 0.1 kg is nothing:
-    # by default they are so rough that rounding of the motion moves a pressed foot by 0.1 mrad.
+    # MuJoCo ends its search for contact forces by the mean inertia of the machine, to which a foot is nothing: by
+    # default they are so rough that rounding of the motion moves a pressed foot by 0.1 mrad.
     spec.option.tolerance /= GUIDED_KG
     return carriage
 
