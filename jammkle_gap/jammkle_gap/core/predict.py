@@ -1,8 +1,9 @@
 """What a candidate predicts of features that it is not fitted to: settings, or stretches of time of all of them.
 
-Parameters and constants are fitted to the other features in one Gauss-Newton step from the fit to all, which is exact
-where the simulator is linear about it (cross-validation by blocks; Burman, Chow and Nolan 1994, Biometrika 81:351).
-What the other features do not show stays as it was fitted: a parameter has the spread of its range as a prior there.
+Parameters, and constants where these are not held, are fitted to the other features in one Gauss-Newton step from the
+fit to all, which is exact where the simulator is linear about it (cross-validation by blocks; Burman, Chow and Nolan
+1994, Biometrika 81:351). What the other features do not show stays as it was fitted: a parameter has the spread of its
+range as a prior there.
 """
 
 from __future__ import annotations
@@ -63,21 +64,23 @@ def predicted(
     rests = [raw - change for raw, change in zip(machine.raw, fit.changes(difference), strict=True)]
     found = difference.by_scatter(rests)
     slopes = difference.by_scatter([each.T for each in fit.slopes]).T if fit.slopes else np.zeros((len(found), 0))
-    for held_out, step in _steps(machine, error, fit, folds, -fit.scores):
+    towards = np.concatenate([np.zeros(len(fit.values)), -fit.scores])
+    for held_out, step in _steps(machine, error, fit, folds, towards):
         found[held_out] -= slopes[held_out] @ step
     return found
 
 
 def predicting(machine: Machine, error: Discrepancy, fit: Fit) -> Fit:
-    """Return a candidate that has the features of each setting as it predicts them when it is fitted to the others.
+    """Return a candidate that has the features of each setting as its parameters predict them, fitted to the others.
 
-    Constants are drawn towards where they were fitted to all settings. Towards nominal, a candidate would predict
-    better that puts a parameter, which has no prior, in the place of a constant.
+    Constants are held where all settings have them. Fitted to the others too, those that one setting alone shows would
+    count against an effect that does something like them: how a pump sucks at 20 kPa against a leak that is as large in
+    every setting.
     """
-    features = list(fit.features)
-    steps = _steps(machine, error, fit, by_setting(machine.settings), np.zeros_like(fit.scores))
+    features, free = list(fit.features), len(fit.values)
+    steps = _steps(machine, error, fit, by_setting(machine.settings), np.zeros(free))
     for k, (_, step) in enumerate(steps):
-        features[k] = features[k] + fit.slopes[k] @ step
+        features[k] = features[k] + fit.slopes[k][:, :free] @ step
     return replace(fit, features=tuple(features))
 
 
@@ -86,24 +89,24 @@ def _steps(
     error: Discrepancy,
     fit: Fit,
     folds: Sequence[NDArray[np.intp]],
-    prior_step: NDArray[np.float64],
+    towards: NDArray[np.float64],
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64]]]:
     """Return for every fold which features are held out, and the step of parameters and scores without them.
 
-    Of features of a single fold, or where nothing is fitted, there is none. The step of the scores that their prior
-    draws towards is given.
+    Of features of a single fold, or where nothing is fitted, there is none. The step that priors draw towards is given,
+    of as many of parameters and scores, in this order, as are fitted.
     """
     fold, count = np.concatenate(folds), 1 + max(int(each.max(initial=0)) for each in folds)
-    if count == 1 or not fit.slopes or not fit.slopes[0].shape[1]:
+    free = len(towards)
+    if count == 1 or not fit.slopes or not free:
         return []
     rests = [raw - change for raw, change in zip(machine.raw, fit.changes(error.difference), strict=True)]
     weights = error.difference_with(fit)
-    rows, left = weights.by_scatter([each.T for each in fit.slopes]).T, weights.by_scatter(rests)
-    least, most = machine.steps(fit)
+    rows, left = weights.by_scatter([each[:, :free].T for each in fit.slopes]).T, weights.by_scatter(rests)
+    least, most = (each[:free] for each in machine.steps(fit))
     spans = [each.maximum - each.minimum for _, each in machine.problem.library.parameters(fit.names)]
     # The standard deviation of a uniform distribution over the range, and 1 of a score.
-    prior = np.diag([*(np.sqrt(12.0) / np.array(spans)), *np.ones(len(fit.scores))])
-    towards = np.concatenate([np.zeros(len(spans)), prior_step])
+    prior = np.diag([*(np.sqrt(12.0) / np.array(spans)), *np.ones(free - len(spans))])
     found = []
     for number in range(count):
         kept = fold != number
