@@ -43,7 +43,6 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     force_unit: Annotated[str, typer.Option(help="m/s^2 or g.", rich_help_panel=_TABLE)] = "m/s^2",
     rate_unit: Annotated[str, typer.Option(help="rad/s or deg/s.", rich_help_panel=_TABLE)] = "rad/s",
     rate_hz: Annotated[float, typer.Option(help="Rate of the rows, without --time.", rich_help_panel=_TABLE)] = 0.0,
-    delimiter: Annotated[str, typer.Option(help="Between two columns.", rich_help_panel=_TABLE)] = ",",
     json: JsonOption = None,
 ) -> int:
     """Run detectors and policy over any recording with an IMU, and write its events and a picture."""
@@ -59,7 +58,6 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
         force_unit=force_unit,
         rate_unit=rate_unit,
         rate_hz=rate_hz,
-        delimiter=delimiter,
     )
     changed = (f"imu_mount={mount}", *(settings or ()))
     return run(recording, changed, layout, topic=topic, namespace=normalised(namespace), output=output, json=json)

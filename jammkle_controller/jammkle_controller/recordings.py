@@ -38,6 +38,8 @@ FORCE_UNITS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2}
 RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
 _IMU_TYPE = names.IMU.message_type
 _AXES = 3
+_DELIMITERS = ";\t, "
+"""Semicolons first: beside them a comma is a decimal sign. Spaces last: they follow any other."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,6 @@ class TableFormat:
         force_unit: One of FORCE_UNITS.
         rate_unit: One of RATE_UNITS.
         rate_hz: Rate of the rows, where there is no time.
-        delimiter: Between two columns.
 
     """
 
@@ -85,7 +86,6 @@ class TableFormat:
     force_unit: str = "m/s^2"
     rate_unit: str = "rad/s"
     rate_hz: float = 0.0
-    delimiter: str = ","
 
 
 def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParameters) -> Recording:
@@ -158,6 +158,8 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
 def read_table(path: Path, layout: TableFormat) -> Recording:
     """Read a table of numbers: rows of values, a head of names or none.
 
+    Between columns stand semicolons, tabs, commas or spaces: the first of these that the first line has.
+
     Raises:
         InputError: it cannot be read, a column does not exist, a value is no number, or a unit is not known.
 
@@ -172,7 +174,10 @@ def read_table(path: Path, layout: TableFormat) -> Recording:
         raise InputError(msg)
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            rows = csv.reader(file, delimiter=layout.delimiter, skipinitialspace=True)
+            line = file.readline()
+            file.seek(0)
+            delimiter = next((each for each in _DELIMITERS if each in line.strip()), ",")
+            rows = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
             first = next(rows, [])
             head = [] if all(_is_number(cell) for cell in first) else first
             body = rows if head else itertools.chain([first], rows)

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jammkle_controller.recordings import TableFormat, read_table
+
 COMMAND = Path(sys.executable).with_name("jammkle")
 
 
@@ -42,6 +44,17 @@ def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     assert found["events"][1]["time_s"] == pytest.approx(1.1, abs=0.003)
     assert found["decisions"][-1]["state"] == "stance"
     assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("delimiter", [",", ", ", ";", "\t", " ", "  "])
+@pytest.mark.parametrize("head", ["", "ax ay az p q r"])
+def test_columns_stand_between_whatever_separates_them(tmp_path: Path, delimiter: str, head: str) -> None:
+    path = tmp_path / "walk.txt"
+    rows = [head.split(), *[map(str, row) for row in np.eye(6)]] if head else np.eye(6).astype(str)
+    path.write_text("\n".join(delimiter.join(row) for row in rows))
+    force = ("ax", "ay", "az") if head else ("1", "2", "3")
+    samples = read_table(path, TableFormat(force, ("4", "5", "6"), rate_hz=100.0)).samples
+    assert [(each.force_x, each.force_y) for each in samples[:3]] == [(1.0, 0.0), (0.0, 1.0), (0.0, 0.0)]
 
 
 @pytest.mark.parametrize(
