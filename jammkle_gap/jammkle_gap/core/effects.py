@@ -26,6 +26,9 @@ class EffectParameter:
     maximum: float
     source: str
     """Where the bounds come from."""
+    shares: tuple[float, ...] = ()
+    """Parts of the way from null to a bound, rising to 1, at which a search simulates it; empty: few, about geometric.
+    For an effect that is none until far from null."""
 
     def __post_init__(self) -> None:
         """Check the numbers.

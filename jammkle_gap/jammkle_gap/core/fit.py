@@ -196,6 +196,7 @@ class Signatures:
         settings: Sequence[Setting],
         machine: Mapping[str, float],
         silent: Sequence[frozenset[str]] = (),
+        nominal: Sequence[NDArray[np.float64]] = (),
     ) -> None:
         """Prepare.
 
@@ -204,13 +205,15 @@ class Signatures:
             settings: Runs; the first faulty one of each setting is run again.
             machine: Calibrated constants, by name.
             silent: Parameters and constants that move nothing in a setting, and are not simulated there, per setting.
+            nominal: Features with the calibrated constants alone, per setting; empty: simulated when needed.
 
         """
         self._problem = problem
         self._settings = settings
         self._machine = dict(machine)
         self._silent = silent or [frozenset[str]()] * len(settings)
-        self._known: dict[tuple[int, tuple[tuple[str, float], ...]], NDArray[np.float64]] = {}
+        place = tuple(sorted(self._machine.items()))
+        self._known = {(k, place): features for k, features in enumerate(nominal)}
         self.made = Made(0, 0.0)
 
     def parts(
@@ -263,6 +266,10 @@ class Signatures:
                     return None
                 part[features] += np.nan_to_num(change[features])
         return part
+
+    def nominal(self) -> tuple[NDArray[np.float64], ...]:
+        """Return the features with the calibrated constants alone, per setting."""
+        return tuple(self._simulated(k, {}, self._machine) for k in range(len(self._settings)))
 
     def _simulated(self, k: int, values: Mapping[str, float], machine: Mapping[str, float]) -> NDArray[np.float64]:
         asked = {**machine, **values}

@@ -62,6 +62,8 @@ class Machine:
     prior: Calibration
     silent: tuple[frozenset[str], ...]
     """Parameters and constants that move nothing in a setting, per setting."""
+    nominal: tuple[NDArray[np.float64], ...] = ()
+    """Features as simulated with the constants as known beforehand, per setting; empty: simulated where needed."""
 
     def values(self, deviations: NDArray[np.float64]) -> dict[str, float]:
         """Return the constants that are not nominal, by name, from deviations in their tolerances' standard ones."""
@@ -72,13 +74,13 @@ class Machine:
 
     def signatures(self) -> Signatures:
         """Return what simulates the machine about what is known of it."""
-        return Signatures(self.problem, self.settings, self.values(self.mean), self.silent)
+        return Signatures(self.problem, self.settings, self.values(self.mean), self.silent, self.nominal)
 
-    def coarse(self) -> Signatures:
-        """Return the same for derivatives."""
+    def coarse(self) -> Machine:
+        """Return the same simulated as `Problem.coarse` has it, for derivatives and for a search."""
         runs = [(self.problem.coarse(each.faulty[0]), *each.faulty[1:]) for each in self.settings]
-        settings = [replace(each, faulty=faulty) for each, faulty in zip(self.settings, runs, strict=True)]
-        return Signatures(self.problem, settings, self.values(self.mean), self.silent)
+        settings = tuple(replace(each, faulty=faulty) for each, faulty in zip(self.settings, runs, strict=True))
+        return replace(self, settings=settings, nominal=())
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -338,7 +340,7 @@ def slopes_in(
         constant.
 
     """
-    signatures, parameters = machine.coarse(), machine.problem.library.parameters(fit.names)
+    signatures, parameters = machine.coarse().signatures(), machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
     back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
     free, known = len(parameters), fit.slopes[k]

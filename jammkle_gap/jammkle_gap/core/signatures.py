@@ -118,8 +118,9 @@ def grid_of(effect: Effect) -> Grid:
 
 def _axis(parameter: EffectParameter, count: int) -> NDArray[np.float64]:
     """Return the nodes of one parameter, null among them, rising."""
+    shares = parameter.shares or _SHARES[count]
     ends = [end for end in (parameter.minimum, parameter.maximum) if end != parameter.null]
-    nodes = [parameter.null + share * (end - parameter.null) for end in ends for share in _SHARES[count]]
+    nodes = [parameter.null + share * (end - parameter.null) for end in ends for share in shares]
     return np.array(sorted({parameter.null, *nodes}))
 
 

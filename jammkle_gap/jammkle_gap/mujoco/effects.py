@@ -102,6 +102,8 @@ class Number:
     minimum: float
     maximum: float
     source: str
+    shares: tuple[float, ...] = ()
+    """Of the way from null to a bound, at which a search simulates it; see `EffectParameter`."""
 
 
 UNITS = {
@@ -252,8 +254,10 @@ FAMILIES = (
            drive=True, position=True),
     Family("rate_gain", "drives", (Number("scale", "share", 1.0, 0.2, 3.0, "assumed: a fifth to threefold"),),
            change_rate_gain, "drives of {where} have another velocity gain", "read kd from the controller", drive=True),
+    # 1, 0.9, 0.7, 0.45, 0.25 and 0.1 of what the motion takes: above it a limit is none.
     Family("torque_limit", "drives",
-           (Number("torque", "torque", 2.0, 0.1, 2.0, "from a tenth to twice what the motion takes"),), _limit,
+           (Number("torque", "torque", 2.0, 0.1, 2.0, "from a tenth to twice what the motion takes",
+                   (0.53, 0.58, 0.68, 0.82, 0.92, 1.0)),), _limit,
            "drives of {where} are limited in torque", "look at current limits and the supply", drive=True),
     Family("set_point_lag", "drives", (Number("time", "time", 0.0, 0.0, 0.1, "filters of 2 Hz and more"),),
            partial(_put, "set_point_lag_s"), "drives of {where} smooth their set points",

@@ -122,6 +122,7 @@ def _shared(number: int, name: str, joints: tuple[str, ...], scales: Mapping[str
             each.minimum,
             each.maximum,
             each.source,
+            each.shares,
         )
         for each in family.numbers
     )
@@ -142,9 +143,8 @@ def _single(number: int, name: str, joint: str, scale: Scale) -> tuple[Effect, C
     for each in family.numbers:
         size = size_of(each.scale, scale)
         unit = UNITS[each.scale][0 if scale.turning else 1]
-        parameters.append(
-            EffectParameter(each.name, unit, each.null * size, each.minimum * size, each.maximum * size, each.source)
-        )
+        bounds = (each.null * size, each.minimum * size, each.maximum * size)
+        parameters.append(EffectParameter(each.name, unit, *bounds, each.source, each.shares))
     effect = Effect(name, family.subsystem, tuple(parameters), _sentence(family, f"joint {joint}"))
     return effect, partial(effects.change_joints, number, (joint,), (tuple(1.0 for _ in family.numbers),))
 

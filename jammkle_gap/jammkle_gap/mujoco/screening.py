@@ -115,9 +115,11 @@ def promising(
     metric = _Metric(constants, space.data - nominal)
     ways = {(effect.name, each): _Way(effect, *each) for effect in singles for each in _ends(effect)}
     left = list(ways.values())
-    for turn, share in enumerate(_STEPS):
-        made = taken([way.at(share) for way in left], 0.1 + 0.2 * turn, 0.3 + 0.2 * turn)
-        left = [way for way, column in zip(left, made, strict=True) if not way.take(share, column)]
+    turns = max((len(way.shares) for way in left), default=0)
+    for turn in range(turns):
+        left = [way for way in left if turn < len(way.shares)]
+        made = taken([way.at(way.shares[turn]) for way in left], *(0.1 + 0.6 * k / turns for k in (turn, turn + 1)))
+        left = [way for way, column in zip(left, made, strict=True) if not way.take(way.shares[turn], column)]
     for name in wanted & set(offer.members):
         effect = offer.library.effect(name)
         for each in _ends(effect):
@@ -154,12 +156,12 @@ def _try_further(
     made = taken([way.at(share) for way, share in zip(best, shares, strict=True)], 0.7, 0.8)
     for way, share, column in zip(best, shares, made, strict=True):
         way.take(share, column)
-    for turn, share in enumerate(_STEPS[1:]):
-        made = taken([way.at(share) for way in best], 0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
-        for way, column in zip(best, made, strict=True):
-            other = copy.copy(way)
-            if other.take(share, column) and metric.gain([other]) > metric.gain([way]):
-                way.take(share, column)
+    further = [(way, share) for way in best for share in way.shares[1:]]
+    made = taken([way.at(share) for way, share in further], 0.8, 0.9)
+    for (way, share), column in zip(further, made, strict=True):
+        other = copy.copy(way)
+        if other.take(share, column) and metric.gain([other]) > metric.gain([way]):
+            way.take(share, column)
 
 
 def _around_best(
@@ -227,7 +229,8 @@ class _Way:
         self.alone = len(effect.parameters) == 1 or effect.name.startswith("stribeck")
         """Whether its other numbers, if any, stay where they are; else all are tried together."""
         self.column: Array | None = None
-        self.tried = _STEPS[0]
+        self.shares = self._number.shares or _STEPS
+        self.tried = self.shares[0]
         """Share at which it was seen to move something last."""
         self.low, self.high = (0.0, 1.0) if self.alone else (-1.0, 1.0)
 
