@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class EffectParameter:
     maximum: float
     source: str
     """Where the bounds come from."""
-    shares: tuple[float, ...] = ()
+    shares: tuple[float, ...] = field(default=(), kw_only=True)
     """Parts of the way from null to a bound, rising to 1, at which a search simulates it; empty: few, about geometric.
     For an effect that is none until far from null."""
 

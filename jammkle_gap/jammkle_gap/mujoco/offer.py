@@ -122,7 +122,7 @@ def _shared(number: int, name: str, joints: tuple[str, ...], scales: Mapping[str
             each.minimum,
             each.maximum,
             each.source,
-            each.shares,
+            shares=each.shares,
         )
         for each in family.numbers
     )
@@ -144,7 +144,7 @@ def _single(number: int, name: str, joint: str, scale: Scale) -> tuple[Effect, C
         size = size_of(each.scale, scale)
         unit = UNITS[each.scale][0 if scale.turning else 1]
         bounds = (each.null * size, each.minimum * size, each.maximum * size)
-        parameters.append(EffectParameter(each.name, unit, *bounds, each.source, each.shares))
+        parameters.append(EffectParameter(each.name, unit, *bounds, each.source, shares=each.shares))
     effect = Effect(name, family.subsystem, tuple(parameters), _sentence(family, f"joint {joint}"))
     return effect, partial(effects.change_joints, number, (joint,), (tuple(1.0 for _ in family.numbers),))
 
