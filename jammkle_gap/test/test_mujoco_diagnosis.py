@@ -57,6 +57,24 @@ def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> No
     assert any("in recordings that were held out" in note for note in found["notes"])
 
 
+def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
+    """Below what the motion takes by a fifth: it is none at most of the torques that a search tries."""
+
+    def weak(model: mujoco.MjModel) -> None:
+        model.actuator_forcelimited[1], model.actuator_forcerange[1] = 1, (-limit, limit)
+
+    free = robot_arm.samples(2)
+    limit = 0.8 * float(np.abs(free["shoulder.effort"]).max())
+    bags = [robot_arm.write_csv(tmp_path / f"run{k}.csv", robot_arm.samples(k, weak)) for k in (2, 3)]
+    answer = tmp_path / "gap.json"
+    offered = [part for name in (*FEW, "torque_limit_shoulder", "torque_limit") for part in ("--only", name)]
+    asked = ["gap", "diagnose", "--model", str(robot_arm.write_model(tmp_path)), *map(str, bags), *offered]
+    assert main([*asked, "-o", str(tmp_path / "out"), "--json", str(answer)]) == 0
+    found = json.loads(answer.read_text())
+    assert found["effects"][0]["name"] == "torque_limit_shoulder"
+    assert found["corrected"]["values"]["torque_limit_shoulder.torque"] == pytest.approx(limit, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("model", "said"),
     [
