@@ -218,7 +218,9 @@ def _parameter(family: str, name: str, entry: Any, *, with_priors: bool) -> Effe
         msg = f"parameter '{name}' of effect '{family}' {verb} '{wrong}'; it needs {', '.join(sorted(known))}"
         raise BadEffectError(msg)
     try:
-        numbers = {key: float(fields[key]) for key in sorted(known - {"unit", "source"}) if key in fields}
+        numbers: dict[str, Any] = {
+            key: float(fields[key]) for key in sorted(known - {"unit", "source"}) if key in fields
+        }
     except (TypeError, ValueError) as error:
         msg = f"parameter '{name}' of effect '{family}' has a bound that is no number: {error}"
         raise BadEffectError(msg) from error

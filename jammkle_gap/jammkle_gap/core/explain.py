@@ -367,8 +367,8 @@ class _Search:
             best = max(own.values())
             near = {names: score for names, score in own.items() if score > best - _CONTENDS or not names}
             chosen = self._likeliest(near, constants.refined_beside) if gap else {NONE_OF_THEM}
-            fits = [known[names] for names in sorted(chosen, key=lambda names: -own[names])]
-            known.update({fit.names: fit for fit in self._sharpened_together(fits, what)})
+            likely = [known[names] for names in sorted(chosen, key=lambda names: -own[names])]
+            known.update({fit.names: fit for fit in self._sharpened_together(likely, what)})
             return known, self._scored(known)
         for evenly, most in rounds:
             again = self._sharpened([known[names] for names in self._likeliest(own, most)], (evenly,), what)
