@@ -283,7 +283,9 @@ class _Search:
         most = constants.refined_pairs // 2
         names = [place.names[0] for place in about.singles[: constants.paired]]
         by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
-        return [*sorted(seconds, key=lambda each: -each[2].gain)[:most], *by_grids]
+        # A pair that is missed lets another be certain: where runs are cheap more of them are fitted.
+        tried = 2 * constants.refined_pairs if self._affordable else most
+        return [*sorted(seconds, key=lambda each: -each[2].gain)[:tried], *by_grids]
 
     def _slopes(
         self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str = ""
