@@ -39,7 +39,7 @@ RATE_UNITS = {"rad/s": 1.0, "deg/s": math.radians(1.0)}
 _IMU_TYPE = names.IMU.message_type
 _AXES = 3
 _DELIMITERS = ";\t, "
-"""Semicolons first: beside them a comma is a decimal sign. Spaces last: they follow any other."""
+"""Spaces last: they follow any other."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def _only_imu(path: Path, imus: list[str], usual: str) -> str:
 def read_table(path: Path, layout: TableFormat) -> Recording:
     """Read a table of numbers: rows of values, a head of names or none.
 
-    Between columns stand semicolons, tabs, commas or spaces: the first of these that the first line has.
+    Between columns stand semicolons, tabs, commas or spaces: the first of these that cuts the first line into three.
 
     Raises:
         InputError: it cannot be read, a column does not exist, a value is no number, or a unit is not known.
@@ -174,12 +174,12 @@ def read_table(path: Path, layout: TableFormat) -> Recording:
         raise InputError(msg)
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            line = file.readline()
+            line = next((each for each in file if each.strip()), "")
             file.seek(0)
-            delimiter = next((each for each in _DELIMITERS if each in line.strip()), ",")
+            delimiter = next((each for each in _DELIMITERS if _columns(line, each) >= _AXES), ",")
             rows = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
             first = next(rows, [])
-            head = [] if all(_is_number(cell) for cell in first) else first
+            head = [] if all(_is_number(cell) for cell in first if cell.strip()) else first
             body = rows if head else itertools.chain([first], rows)
             return _table(path, layout, head, body, force_scale, rate_scale)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -230,6 +230,10 @@ def _column(path: Path, head: list[str], name: str) -> int:
     known = f"its columns are {', '.join(head)}" if head else "it has no head: count columns from 1"
     msg = f"{path} has no column '{name}'; {known}"
     raise InputError(msg)
+
+
+def _columns(line: str, delimiter: str) -> int:
+    return len(next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), []))
 
 
 def _is_number(cell: str) -> bool:

@@ -44,7 +44,8 @@ class Constants:
     """The same from each place of the constants, where derivatives by these are dear. Chosen for time: what promises
     most beside one place of them is most often what does beside another."""
     refined_pairs: int = 8
-    """Pairs that are: half of them by the grids alone, half from a fitted single effect on."""
+    """Pairs that are: half of them by the grids alone, half from a fitted single effect on; of these four times as
+    many where runs are cheap. Chosen: of a real servo a pair that was not tried left another certain."""
     paired: int = 4
     """Fitted single effects that every other is looked for beside, and whose fit goes on where much is left. Chosen:
     half of those fitted."""

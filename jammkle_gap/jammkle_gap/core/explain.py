@@ -44,7 +44,7 @@ _HOPELESS = 16.0
 """Nats that a candidate may be behind the best of those that begin where it does, when all were fitted once, to be
 fitted on where that is dear. Chosen: further rounds gained 45 to 52 nats each on a development specimen with a leak."""
 _SETTLED = 0.25
-"""Nats below which a further fit is not followed by another. Chosen: a quarter of what counts for `_WORTH_GOING_ON`."""
+"""Nats that a further fit gains, from 0 to this, for none to follow it. Chosen: a quarter of `_WORTH_GOING_ON`."""
 _NESTED = 2
 """Candidates from whose constants those alone are fitted once more."""
 
@@ -155,6 +155,7 @@ class _Search:
         signatures = rough.signatures()
         self._rough = replace(rough, nominal=signatures.nominal())
         """What the search simulates; those that are likely are fitted again with the machine itself."""
+        self._is_rough = rough is not machine
         runner.count([signatures.made])
         self.blank = blank_of(error.difference)
         self.finished = True
@@ -241,7 +242,7 @@ class _Search:
         return [fit for fit, _ in answers if fit.features]
 
     def _sharpened(self, fits: Sequence[Fit], evenly: Sequence[bool], what: str) -> list[Fit]:
-        work = [(self._machine, self._error, fit, self._constants) for fit in fits]
+        work = [(self._rough, self._error, fit, self._constants) for fit in fits]
         return self._until_stopped(partial(sharpen, evenly=evenly), work, what)
 
     def _best_of(self, nothing: Fit, fits: Sequence[Fit]) -> list[Fit]:
@@ -284,7 +285,8 @@ class _Search:
         names = [place.names[0] for place in about.singles[: constants.paired]]
         by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
         # A pair that is missed lets another be certain: where runs are cheap more of them are fitted.
-        tried = 2 * constants.refined_pairs if self._affordable else most
+        cheap = self._affordable and not self._dear and self._error.without_references
+        tried = 2 * constants.refined_pairs if cheap else most
         return [*sorted(seconds, key=lambda each: -each[2].gain)[:tried], *by_grids]
 
     def _slopes(
@@ -368,9 +370,13 @@ class _Search:
         if self._dear:
             best = max(own.values())
             near = {names: score for names, score in own.items() if score > best - _CONTENDS or not names}
+            if self._is_rough:
+                work = [(self._machine, self._error, known[names]) for names in near]
+                known.update({fit.names: fit for fit in self._until_stopped(exactly, work, what)})
             chosen = self._likeliest(near, constants.refined_beside) if gap else {NONE_OF_THEM}
             likely = [known[names] for names in sorted(chosen, key=lambda names: -own[names])]
-            known.update({fit.names: fit for fit in self._sharpened_together(likely, what)})
+            if gap or self._is_rough:
+                known.update({fit.names: fit for fit in self._sharpened_together(likely, what)})
             return known, self._scored(known)
         for evenly, most in rounds:
             again = self._sharpened([known[names] for names in self._likeliest(own, most)], (evenly,), what)
@@ -403,6 +409,8 @@ class _Search:
         """
         about = next((fit for fit in fits if fit.names), None)
         count = len(self._machine.problem.constants)
+        if not self.finished:
+            return []
         try:
             if about is None:
                 slopes = [each @ np.linalg.inv(self._machine.root) for each in fits[0].slopes]
@@ -412,12 +420,7 @@ class _Search:
             self.finished = False
             return []
         slopes = [each[:, each.shape[1] - count :] for each in slopes]
-        # Without derivatives a start is no fit to compare with: it was simulated in longer steps.
-        starts = [replace(fit, slopes=()) for fit in fits]
-        work = [
-            (self._machine, self._error, start, fit, self._constants, slopes)
-            for start, fit in zip(starts, fits, strict=True)
-        ]
+        work = [(self._machine, self._error, fit, fit, self._constants, slopes) for fit in fits]
         return self._until_stopped(partial(fit_beside_error, evenly=False), work, what) if slopes else []
 
 
@@ -491,7 +494,7 @@ def fit_beside_error(
         found = fit_jointly(machine, difference, fit, signatures, constants, slopes)
         if not found.features:
             break
-        gained = error.cost(fit) - error.cost(found) if fit.features else np.inf
+        gained = error.cost(fit) - error.cost(found) if fit.slopes else np.inf
         fit = found
         # Where it begins it has been fitted before if it has derivatives.
         best = fit if not best.slopes or error.cost(fit) < error.cost(best) else best
@@ -499,6 +502,16 @@ def fit_beside_error(
             break
         difference = error.difference_with(fit)
     return best, signatures.made
+
+
+def exactly(machine: Machine, error: Discrepancy, fit: Fit) -> tuple[Fit, Made]:
+    """Return a candidate as the machine itself has it where a search has come to; as it was if that cannot be run."""
+    signatures = machine.signatures()
+    made = signatures.parts(fit.values, fit.machine)
+    if made is None:
+        return fit, signatures.made
+    own = zip(made, error.difference.settings, strict=True)
+    return replace(fit, features=tuple(part - each.shared @ fit.scores for part, each in own)), signatures.made
 
 
 def sharpen(

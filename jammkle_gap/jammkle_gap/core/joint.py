@@ -77,9 +77,12 @@ class Machine:
         return Signatures(self.problem, self.settings, self.values(self.mean), self.silent, self.nominal)
 
     def coarse(self) -> Machine:
-        """Return the same simulated as `Problem.coarse` has it, for derivatives and for a search."""
-        runs = [(self.problem.coarse(each.faulty[0]), *each.faulty[1:]) for each in self.settings]
-        settings = tuple(replace(each, faulty=faulty) for each, faulty in zip(self.settings, runs, strict=True))
+        """Return the same as `Problem.coarse` runs it, for derivatives and a search; itself if that changes nothing."""
+        runs = [self.problem.coarse(each.faulty[0]) for each in self.settings]
+        if all(run is each.faulty[0] for run, each in zip(runs, self.settings, strict=True)):
+            return self
+        changed = zip(self.settings, runs, strict=True)
+        settings = tuple(replace(each, faulty=(run, *each.faulty[1:])) for each, run in changed)
         return replace(self, settings=settings, nominal=())
 
     @property

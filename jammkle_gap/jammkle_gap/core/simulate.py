@@ -126,8 +126,8 @@ class Problem:
     bin_s: Callable[[Recording], float] = lambda _: 0.02
     """Length of a bin, s."""
     coarse: Callable[[Recording], Recording] = lambda recording: recording
-    """A recording as it is run for signatures and derivatives, of which differences count alone: in longer steps of
-    time, where these make the same difference in less time."""
+    """A recording as it is run for signatures, derivatives and a search, of which differences count alone: in longer
+    steps of time, where these make the same difference in less time. Of such a one it returns what is the same."""
     version: str = ""
     """What tells this simulator from others and from its other versions; empty: no dictionary is kept on disk."""
     group_of: Callable[[Recording], str] = lambda recording: recording.setting
