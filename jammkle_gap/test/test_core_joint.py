@@ -90,21 +90,23 @@ def test_a_size_is_as_good_where_derivatives_are_dear() -> None:
 
 @pytest.mark.parametrize("fault", [{"load.share": 0.5}, {}])
 def test_what_a_search_simulates_coarsely_is_fitted_again_as_it_is(fault: Mapping[str, float]) -> None:
-    """Steps of a search that are wrong by 2 % of the stiffness change no answer, and are most of all."""
+    """Steps of a search in which a stiffness does twice as much change no answer, and are most of all."""
     fine, coarse = [0], [0]
 
     def in_steps(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         rough = recording.name.startswith("rough")
         (coarse if rough else fine)[0] += 1
-        stiffness = values.get("servo.stiffness", 1.0) * (1.02 if rough else 1.0)
-        return simulate(recording, {**values, "servo.stiffness": stiffness})
+        away = values.get("servo.stiffness", 1.0) - 1.0
+        return simulate(recording, {**values, "servo.stiffness": 1.0 + (2.0 if rough else 1.0) * away})
 
     problem = replace(EXACT, simulator=in_steps, coarse=lambda run: replace(run, name=f"rough {run.name}"))
     runs = recorded(31, fault, {"arm.mass": 0.96, "servo.stiffness": 1.04})
-    found, exact = (diagnose(runs, each, constants=Constants(derivatives_s=0.0), jobs=1) for each in (problem, EXACT))
+    dear = Constants(derivatives_s=0.0)
+    found, exact = (diagnose(runs, each, constants=dear, jobs=1) for each in (problem, EXACT))
     assert [each.name for each in found.effects] == [each.name for each in exact.effects]
     for one, other in zip(found.constants, exact.constants, strict=True):
-        assert one.value == pytest.approx(other.value, abs=0.1 * CONSTANTS[0].sigma)
+        low, high = other.interval
+        assert low < one.value < high  # of the stiffness 1 % from its middle, and a search ends 2 % off
     if fault:
         value, (low, high) = named(found, "load")
         assert value == pytest.approx(named(exact, "load")[0], abs=0.1 * (high - low))
