@@ -58,7 +58,7 @@ def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> No
 
 
 def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
-    """Below what the motion takes by a fifth: it is none at most of the torques that a search tries."""
+    """It lies a fifth below what the motion takes, so that it does nothing for most of the time."""
 
     def weak(model: mujoco.MjModel) -> None:
         model.actuator_forcelimited[1], model.actuator_forcerange[1] = 1, (-limit, limit)
