@@ -57,6 +57,24 @@ def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> No
     assert any("in recordings that were held out" in note for note in found["notes"])
 
 
+def test_what_closes_too_little_of_recordings_that_are_held_out_is_not_certain(tmp_path: Path) -> None:
+    """The elbow rubs in all of them, but where nothing is fitted the shoulder rubs far more."""
+
+    def rubbing_twice(model: mujoco.MjModel) -> None:
+        rubbing(model)
+        model.dof_frictionloss[1] += 4.0
+
+    model = robot_arm.write_model(tmp_path)
+    fitted = [robot_arm.write_csv(tmp_path / f"run{k}.csv", robot_arm.samples(k, rubbing, 3.0)) for k in range(2)]
+    other = robot_arm.write_csv(tmp_path / "other.csv", robot_arm.samples(2, rubbing_twice, 3.0))
+    found = diagnose_mujoco(model, fitted, held_out=[other], only=FEW, folder=tmp_path / "out", jobs=1).diagnosis
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert [each.names for each in found.candidates][:2] == [("friction_elbow",), ()]
+    assert found.candidates[0].probability == found.candidates[1].probability
+    assert sum(found.posterior.values()) == pytest.approx(1.0)
+    assert "of the gap is left in recordings that were held out" in found.reasons[-1]
+
+
 def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
     """It lies a fifth below what the motion takes, so that it does nothing for most of the time."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_gap.mujoco.robot import SENSORS, load, match
 from jammkle_gap.mujoco.runs import Gains
-from jammkle_gap.mujoco.simulator import RobotSimulator, run
+from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
 from jammkle_gap.mujoco.unsaid import TEXT_NAME, Unsaid, joint_of, text_of, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -36,6 +36,8 @@ class SignalClosing:
     nominal: float
     """Root mean square of measured less simulated, in `unit`."""
     corrected: float
+    noise: float
+    """Standard deviation of one reading."""
 
 
 @dataclass(frozen=True)
@@ -181,18 +183,28 @@ def closing_of(
     for name, value in vars(unsaid).items():
         setattr(after, name, value)
     squares: dict[str, list[list[float]]] = {}
-    units = {}
+    signals = {}
     for recording in recordings:
         nominal, better = run(before, recording), run(after, recording)
         for signal in recording.signals:
             left = [float(np.square(signal.values - made[signal.name]).sum()) for made in (nominal, better)]
             squares.setdefault(signal.name, []).append([*left, float(len(signal.values))])
-            units[signal.name] = signal.unit
+            signals[signal.name] = signal
     found = []
     for name, parts in squares.items():
         first, second, count = np.sum(parts, axis=0)
-        found.append(SignalClosing(name, units[name], float(np.sqrt(first / count)), float(np.sqrt(second / count))))
+        sizes = float(np.sqrt(first / count)), float(np.sqrt(second / count))
+        found.append(SignalClosing(name, signals[name].unit, *sizes, scale_of(signals[name])))
     return tuple(found)
+
+
+def share_left(closing: Sequence[SignalClosing]) -> float:
+    """Return the share of the gap that the corrected model leaves: root mean square over all signals, beyond noise."""
+    nominal, corrected = (
+        sum(max((size / each.noise) ** 2 - 1.0, 0.0) for each, size in zip(closing, sizes, strict=True))
+        for sizes in ([each.nominal for each in closing], [each.corrected for each in closing])
+    )
+    return float(np.sqrt(corrected / nominal)) if nominal > 0.0 else 0.0
 
 
 def _machine(robot: Robot) -> Machine:

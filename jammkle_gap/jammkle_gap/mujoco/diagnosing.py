@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.decide import NONE_OF_THEM
 from jammkle_gap.core.diagnose import diagnose
 from jammkle_gap.core.effects import Library
-from jammkle_gap.core.result import Verdict
+from jammkle_gap.core.result import Candidate, Verdict
 from jammkle_gap.core.simulate import Problem, on_one_thread
 from jammkle_gap.mujoco.bags import run_of_bag
-from jammkle_gap.mujoco.corrected import closing_of, corrected_of
+from jammkle_gap.mujoco.corrected import closing_of, corrected_of, share_left
 from jammkle_gap.mujoco.effects import scales_of
 from jammkle_gap.mujoco.offer import offer_of
 from jammkle_gap.mujoco.robot import load, match
@@ -158,6 +159,8 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
+    if tried is not compared:
+        found = _doubted(found, share_left(closing), where)
     shared = {name: each for name, each in offer.members.items() if name not in excluded}
     return RobotDiagnosis(
         found, robot, Library(offered), shared, problem, tuple(compared), tuple(tried), corrected, closing
@@ -218,6 +221,33 @@ _OTHER_UNIT = 3.0
 """How many times an effort may be the model's. Chosen: no effect on offer makes half of that."""
 _DOUBTED = 1.25
 """The same from which on the notes ask whether it is a current. Chosen: torque constants are known within a tenth."""
+
+
+def _doubted(found: Diagnosis, left: float, where: str) -> Diagnosis:
+    """Return a diagnosis in which none of the effects is as likely as what closes too little of what was not fitted."""
+    if found.verdict not in {Verdict.EFFECTS, Verdict.AMBIGUOUS} or left <= _TOO_MUCH_LEFT:
+        return found
+    lead = next(each for each in found.candidates if each.names)
+    before = found.posterior.get(NONE_OF_THEM, 0.0)
+    none = max(before, lead.probability)
+    total = 1.0 - before + none
+    posterior = {names: share / total for names, share in {**found.posterior, NONE_OF_THEM: none}.items()}
+    others = [replace(each, probability=each.probability / total) for each in found.candidates if each.names]
+    second = Candidate(NONE_OF_THEM, none / total, 0.0, ())
+    reason = f"with the corrected model {100.0 * left:.0f} % of the gap is left in {where}"
+    return replace(
+        found,
+        verdict=Verdict.AMBIGUOUS,
+        reasons=(*found.reasons, f"{reason}, so that none of the effects is as likely"),
+        candidates=(*others[:1], second, *others[1:]),
+        posterior=dict(sorted(posterior.items(), key=lambda item: -item[1])),
+        subsystems={name: share / total for name, share in found.subsystems.items()},
+    )
+
+
+_TOO_MUCH_LEFT = 0.5
+"""Share of the gap that is left where nothing was fitted, from which on nothing is certain. Chosen: half, with the real
+servo known, whose wrong pair leaves 0.69."""
 
 
 def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:
