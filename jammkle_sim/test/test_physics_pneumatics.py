@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jammkle_common.names import CHANNELS
 from jammkle_sim.physics import pneumatics
 from jammkle_sim.physics.kernels import orifice_flow_kg_s
 from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
@@ -190,6 +191,80 @@ def test_a_pump_whose_mass_flow_falls_in_proportion_draws_more_at_depth() -> Non
     assert (flows[1][1:] > flows[0][1:]).all()
     line = np.polyfit(np.arange(10.0), flows[1], 1)
     assert np.abs(np.polyval(line, np.arange(10.0)) - flows[1]).max() < 0.01 * flows[1].max()
+
+
+@settings(max_examples=30)
+@given(program=commands, parameters=ankles, manifold_s=st.floats(1e-3, 1e3), tendon_s=st.floats(1e-3, 1e3))
+def test_air_is_conserved_that_is_not_at_the_temperature_of_its_walls(
+    program: list[tuple[float, tuple[bool, bool, bool], int]],
+    parameters: PneumaticParameters,
+    manifold_s: float,
+    tendon_s: float,
+) -> None:
+    """From nearly isothermal to nearly adiabatic its mass is booked, and its pressure stays a number above 0."""
+    parameters = dataclasses.replace(parameters, manifold_thermal_time_s=manifold_s, tendon_thermal_time_s=tendon_s)
+    air = Pneumatics(parameters, DT_S)
+    start_kg = air.mass_kg
+    for duty, energised, steps in program:
+        air.command(duty, energised)
+        assert (air.advance(steps) > 0.0).all()
+    assert abs(air.mass_kg - start_kg - air.exchanged_kg) <= 1e-9 * start_kg
+
+
+@pytest.mark.parametrize(("before", "after"), [(NONE, ALL), (ALL, NONE)])
+def test_valves_that_switch_let_air_past_them(before: tuple[bool, ...], after: tuple[bool, ...]) -> None:
+    """Both ways, as much as they let through in the time that is given when they are open and choke."""
+    masses_kg = []
+    for crossover_s in (0.0, 0.003):
+        given = PneumaticParameters(leak_conductance_dm3_s_bar=0.0, valve_crossover_s=crossover_s)
+        air = Pneumatics(given, DT_S)
+        air.command(1.0, before)
+        air.advance(4000)
+        air.command(0.0, after)
+        air.advance(round((given.valve_dead_time_s + 0.2) / DT_S))
+        masses_kg.append(air.mass_kg)
+    through_kg_s = pneumatics.conductance_kg_s_pa(given.valve_conductance_dm3_s_bar) * AMBIENT_PA
+    assert masses_kg[1] - masses_kg[0] == pytest.approx(len(CHANNELS) * 0.003 * through_kg_s, rel=0.01)
+
+
+THERMAL = PneumaticParameters(leak_conductance_dm3_s_bar=0.0, manifold_thermal_time_s=0.3)
+
+
+def test_air_that_is_drawn_off_follows_the_adiabat_and_then_warms_up() -> None:
+    """Without heat p goes as m^1.4, at once as m; shut off, it warms up in the time that is given for as much air."""
+    shares = {}
+    for time_s in (0.0, 1e9):
+        air = Pneumatics(dataclasses.replace(THERMAL, manifold_thermal_time_s=time_s), DT_S)
+        rest_kg = air.mass_kg
+        air.command(1.0, NONE)
+        pressure_pa = air.advance(100)[-1, 0]
+        manifold_kg = THERMAL.manifold_volume_m3 / (THERMAL.manifold_volume_m3 + 4 * THERMAL.tendon_volume_m3) * rest_kg
+        shares[time_s] = np.log(pressure_pa / AMBIENT_PA) / np.log(1.0 - (rest_kg - air.mass_kg) / manifold_kg)
+    assert shares[0.0] == pytest.approx(1.0, rel=1e-6)
+    assert shares[1e9] == pytest.approx(1.4, rel=0.01)
+    air = Pneumatics(THERMAL, DT_S)
+    air.command(1.0, NONE)
+    air.advance(200)
+    air.command(0.0, NONE)
+    missing_pa = -np.diff(np.append(air.advance(6000)[:, 0], 0.0))[:-1]
+    assert (missing_pa < 0.0).all()
+    warming_s = DT_S / (1.0 - missing_pa[1:200] / missing_pa[:199])
+    manifold = air.advance(1)[0, 0] / AMBIENT_PA
+    assert warming_s == pytest.approx(THERMAL.manifold_thermal_time_s * manifold, rel=0.02)
+
+
+def test_air_that_rushes_in_is_warm() -> None:
+    """Filled without heat, from well below, a volume holds less air at the pressure of the room (first law)."""
+    masses_kg = []
+    for time_s in (0.0, 1e9):
+        air = Pneumatics(dataclasses.replace(THERMAL, tendon_thermal_time_s=time_s), DT_S)
+        air.command(1.0, ALL)
+        air.advance(2000)
+        air.command(0.0, NONE)
+        pressure_pa = air.advance(2000)[-1]
+        assert pressure_pa[1:] == pytest.approx([AMBIENT_PA] * 3, rel=1e-4)
+        masses_kg.append(air.mass_kg)
+    assert masses_kg[1] < 0.97 * masses_kg[0]
 
 
 def test_a_longer_hose_holds_more_passes_less_and_takes_longer() -> None:

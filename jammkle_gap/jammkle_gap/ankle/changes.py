@@ -427,6 +427,7 @@ _CONSTANTS = {
     "toe": "toe_m",
     "heel": "heel_m",
     "achilles": "achilles_arm_m",
+    "achilles_side": "achilles_spread_m",
     "peroneal": "peroneal_forward_m",
     "peroneal_side": "peroneal_spread_m",
     "sole": "sole_m",
@@ -538,6 +539,33 @@ def fill_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
     def change(law: Any) -> None:
         law["pump_filling"] += values["extra"]
+
+    return with_air(rig, change)
+
+
+def cross_over(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let air past every valve that switches into the manifold for `extra_s` more."""
+
+    def change(law: Any) -> None:
+        law["valve_crossover_s"] += values["extra_s"]
+
+    return with_air(rig, change)
+
+
+def warm_manifold(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let the manifold's air take the temperature of its walls on `later_s` later."""
+
+    def change(law: Any) -> None:
+        law["thermal_time_s"][0] += values["later_s"]
+
+    return with_air(rig, change)
+
+
+def warm_tendons(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let the air of tendons and tubes take the temperature of what surrounds it on `later_s` later."""
+
+    def change(law: Any) -> None:
+        law["thermal_time_s"][1:] += values["later_s"]
 
     return with_air(rig, change)
 

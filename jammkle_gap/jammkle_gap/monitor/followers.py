@@ -254,6 +254,7 @@ class AirFollower:
             state["mass_kg"] = (
                 state["pressure_pa"] * self._law["volume_m3"] / self._law["specific_energy_j_kg"][:, None]
             )
+            state["warmer"] = 0.0
 
     def follow(self, tracks: Tracks, stretch: Stretch) -> list[Residual]:
         """Simulate a stretch in whole time steps, and compare it with the samples of every pressure."""

@@ -1,6 +1,6 @@
 """Pump, manifold, three solenoids, channels: parameters, packing for the compiled law, and the state of the air.
 
-One mass of air per volume, isothermal. A channel's 3/2 solenoid connects it to the manifold when energised and to the
+One mass of air per volume, isothermal unless its walls are given a thermal time. A channel's 3/2 solenoid connects it to the manifold when energised and to the
 atmosphere when not, so that an ankle without power is soft. No data of the paper's pump could be found: the numbers
 below are assumed and declared, and a recording is what would replace them.
 """
@@ -66,6 +66,14 @@ class PneumaticParameters:
     with 1 the mass does, as data sheets of diaphragm pumps draw it and a dead volume whose air expands makes it."""
     valve_dead_time_s: float = 0.010
     """Time from command to movement, both ways, s. Assumed; small solenoids have 5 to 20 ms."""
+    valve_crossover_s: float = 0.0
+    """Time for which a valve that switches is as good as open from the atmosphere to the manifold, s: while its armature
+    travels all three ports are connected, but for half of them each, at most. Assumed: 0, none."""
+    manifold_thermal_time_s: float = 0.0
+    """Time in which the manifold's air at the pressure of the room takes its walls' temperature on, s. Assumed: 0, which
+    is isothermal. 15 ml between 40 cm^2 of wall, at 5 to 15 W/(m^2 K), have 0.2 to 0.6 s."""
+    tendon_thermal_time_s: float = 0.0
+    """The same of tendons and tubes, s. Assumed: 0; among fibres a wall is nearer."""
 
 
 def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray[Any]:
@@ -90,6 +98,9 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     record["pump_ultimate_vacuum_pa"] = parameters.pump_ultimate_vacuum_pa
     record["pump_filling"] = parameters.pump_filling
     record["valve_dead_time_s"] = parameters.valve_dead_time_s
+    record["valve_crossover_s"] = parameters.valve_crossover_s
+    record["thermal_time_s"] = parameters.tendon_thermal_time_s
+    record["thermal_time_s"][0] = parameters.manifold_thermal_time_s
     record["step_s"] = timestep_s
     record["substeps"] = stable_substeps(law)
     return law
@@ -116,8 +127,11 @@ def stable_substeps(law: NDArray[Any]) -> int:
     channel_rates = slope * (record["valve_kg_s_pa"] + record["leak_kg_s_pa"][1:]) * per_volume[1:]
     pump_rate = record["pump_free_flow_m3_s"] / record["volume_m3"][0]
     pump_rate *= record["ambient_pa"] / record["pump_ultimate_vacuum_pa"]
-    manifold_rate = slope * (record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
+    passing = 2.0 if record["valve_crossover_s"] else 1.0
+    manifold_rate = slope * (passing * record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
     fastest = float(manifold_rate + channel_rates.max())
+    if record["thermal_time_s"].any():
+        fastest *= kernels.HEAT_CAPACITY_RATIO  # an adiabatic volume is as much stiffer
     return max(1, math.ceil(float(record["step_s"]) * fastest / _STABLE_STEP))
 
 

@@ -74,6 +74,8 @@ PNEUMATIC_LAW = np.dtype(
         ("pump_ultimate_vacuum_pa", np.float64),
         ("pump_filling", np.float64),
         ("valve_dead_time_s", np.float64, VALVES),
+        ("valve_crossover_s", np.float64),
+        ("thermal_time_s", np.float64, VOLUMES),
         ("step_s", np.float64),
         ("substeps", np.int64),
     ],
@@ -84,6 +86,8 @@ PNEUMATIC_STATE = np.dtype(
     [
         ("mass_kg", np.float64, VOLUMES),
         ("pressure_pa", np.float64, VOLUMES),
+        ("warmer", np.float64, VOLUMES),
+        ("heat_kg", np.float64, VOLUMES),
         ("pumped_kg", np.float64),
         ("admitted_kg", np.float64),
         ("duty", np.float64),
@@ -91,9 +95,13 @@ PNEUMATIC_STATE = np.dtype(
         ("position", np.float64, VALVES),
         ("waiting_s", np.float64, VALVES),
         ("target", np.float64, VALVES),
+        ("settled", np.float64, VALVES),
+        ("crossing_s", np.float64, VALVES),
     ],
 )
-"""Air in each volume, the ledger of what pump and atmosphere exchanged, the commands, and the valves."""
+"""Air in each volume, how much warmer than the room it is as a share of the room's temperature, and its heat in kilograms of
+air of the room; the ledger of what pump and atmosphere exchanged, the commands, and the valves:
+where they stood a step before, and how long they are still to let air past them into the manifold."""
 
 IMU_AXES = 6
 """Three of specific force, then three of angular velocity."""

@@ -285,6 +285,7 @@ def air(
         state["pressure_pa"][0] = start_pa
         state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
     duty, drawing = actuation(rig, law, commands, steps)
+    state["settled"][0] = drawing[0]
     pressure_pa = np.zeros((steps + 1, records.VOLUMES))
     pressure_pa[0] = state["pressure_pa"][0]
     kernels.air_history(law, state, duty, drawing, pressure_pa[1:])
