@@ -616,6 +616,16 @@ def scale_relaxation(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     return with_tendons(rig, "", change)
 
 
+def creep(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let the fibres relax further in the slowest branch, by `gain` of their long-term force."""
+    step_s = float(rig.model.opt.timestep)
+
+    def change(law: Any) -> None:
+        law["gain"][-1] += values["gain"] * branch_times_s(law, step_s)[-1] / step_s * (1.0 - law["decay"][-1])
+
+    return with_tendons(rig, "", change)
+
+
 def scale_friction_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the stiffness with which jammed fibres hold before they slide, by `scale`."""
 

@@ -69,6 +69,10 @@ class TendonParameters:
     are. They give a loss factor of 0.23 to 0.24 at 1 to 10 Hz, where Agilus30 by itself has 1.3 to 1.4 at 20 degC."""
     relaxation_times_s: tuple[float, float, float, float] = (0.003, 0.03, 0.3, 3.0)
     """Time constant of each branch, s. Assumed: one per decade over what the tests span."""
+    creep_gain: float = 0.0
+    """Gain of a fifth, slow branch over the long-term force, 1. Assumed: 0, since no test of the paper lasts for long."""
+    creep_time_s: float = 30.0
+    """Its time constant, s. Assumed: a decade beyond the others."""
     friction_stiffness_n_m: tuple[float, float] = (1036.7, 477.1)
     """Stiffness of each elastic-Coulomb (Jenkin) element of the jamming friction, N/m. Fitted to the reference model
     on load and return at -10 to -50 kPa."""

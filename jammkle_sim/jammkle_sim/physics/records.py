@@ -12,7 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-BRANCHES = 4
+BRANCHES = 5
 """Maxwell branches of a tendon."""
 ELEMENTS = 2
 """Elastic-Coulomb elements of a tendon."""
