@@ -2,7 +2,9 @@
 
 It has a variance of its own in every signal and block of time, found as in iteratively reweighted least squares, and is
 correlated over the block, so it counts once a block and not once a bin (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B
-63:425, on why it must count; Green 1984, J. R. Stat. Soc. B 46:149). Where there are references it cancels to first
+63:425, on why it must count; Green 1984, J. R. Stat. Soc. B 46:149). How large it may be in one block others of the same
+unit say, since the scale of its variances' prior is fitted (a hierarchical t distribution; Gelman et al., Bayesian Data
+Analysis, 3rd ed., ch. 5 and 17): a channel that is off as three others are speaks for no fault of its own. Where there are references it cancels to first
 order, and what the true effect leaves beyond scatter is all that is left of it.
 """
 
@@ -12,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve  # type: ignore[import-untyped]  # carries no types
+from scipy.optimize import brentq  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.scatter import whitened_difference
 
@@ -44,12 +47,12 @@ def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[
     return blocks, np.bincount(blocks)[blocks].astype(float)
 
 
-def _signals_of(layouts: Sequence[Layout]) -> NDArray[np.intp]:
-    """Return the number of the signal or event of every feature, the same in all settings."""
+def _numbers_of(layouts: Sequence[Layout], labels: Sequence[Sequence[str]]) -> NDArray[np.intp]:
+    """Return a number for every feature: of its signal's label, of which each layout has some, or of its event."""
     numbers: dict[str, int] = {}
     found = []
-    for layout in layouts:
-        found += [np.full(layout.bins, numbers.setdefault(name, len(numbers))) for name in layout.signals]
+    for layout, own in zip(layouts, labels, strict=True):
+        found += [np.full(layout.bins, numbers.setdefault(label, len(numbers))) for label in own]
         found.append(np.array([numbers.setdefault(name, len(numbers)) for name in layout.event_s], dtype=np.intp))
     return np.concatenate(found)
 
@@ -131,8 +134,12 @@ class Discrepancy:
         self._used = [k for k, setting in enumerate(settings) if not setting.references]
         if not self._used:
             return
-        self._blocks, self._per_block = blocks_of([settings[k].layout for k in self._used], constants)
-        self._signals = _signals_of([settings[k].layout for k in self._used])
+        layouts = [settings[k].layout for k in self._used]
+        self._blocks, self._per_block = blocks_of(layouts, constants)
+        self._signals = _numbers_of(layouts, [each.signals for each in layouts])
+        self._kinds = np.zeros(self._blocks.max() + 1, dtype=np.intp)
+        """Number of the unit, or of the event, of every block."""
+        self._kinds[self._blocks] = _numbers_of(layouts, [each.units for each in layouts])
         self._raw = np.concatenate([raw[k] for k in self._used])
         used = [difference.settings[k] for k in self._used]
         self._factor = np.concatenate([np.full(each.size, each.factor) for each in used])
@@ -212,8 +219,7 @@ class Discrepancy:
         total = float(np.square(rest).sum())
         if self._used:
             left, prior = self._weighed(fit)
-            sizes = self._constants.discrepancy_of_block * self._expected
-            total += self._share * float(np.log1p(np.maximum(left - self._expected, 0.0) / sizes).sum()) + prior
+            total += prior - 2.0 * float(self._by_blocks(np.maximum(left - self._expected, 0.0)))
         return 0.5 * total
 
     def covariance(self, fit: Fit) -> NDArray[np.float64]:
@@ -293,10 +299,34 @@ class Discrepancy:
 
         """
         expected = self._constants.discrepancy_of_block * self._expected
-        blocks = self._share * np.log1p(left / expected).sum(axis=-1)
         scale = expected.sum() + self._constants.discrepancy_of_gap * gap
-        together = self._of_blocks * np.log1p(left.sum(axis=-1) / scale)
-        return -0.5 * np.stack([blocks, together], axis=-1)
+        together = -0.5 * self._of_blocks * np.log1p(left.sum(axis=-1) / scale)
+        return np.stack([np.apply_along_axis(self._by_blocks, -1, left), together], axis=-1)
+
+    def _by_blocks(self, further: NDArray[np.float64]) -> np.float64:
+        """Return the log-likelihood of what is left beyond noise of every block, shape (blocks,): of t distributions."""
+        freedom, scales = self._constants.block_freedom, self._scales(further)
+        terms = np.log(scales) + (freedom + 1.0) * np.log1p(further / self._expected / (freedom * scales))
+        return np.float64(-0.5 * self._share * terms.sum())
+
+    def _scales(self, further: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the likeliest scale of the discrepancy's variance for every block, the same for all of a kind.
+
+        In what is expected of scatter, and no less than `discrepancy_of_block`. With a free mean of zero the likelihood
+        of a t distribution has one maximum over its scale.
+        """
+        freedom, least = self._constants.block_freedom, self._constants.discrepancy_of_block
+        scales = np.full(len(further), least)
+        for kind in range(self._kinds.max() + 1):
+            own = self._kinds == kind
+            sizes = further[own] / self._expected[own]
+
+            def slope(log_scale: float, sizes: NDArray[np.float64] = sizes) -> float:
+                return float(((freedom + 1.0) * sizes / (freedom * np.exp(log_scale) + sizes) - 1.0).sum())
+
+            if slope(np.log(least)) > 0.0:
+                scales[own] = np.exp(brentq(slope, np.log(least), np.log((1.0 + freedom) * sizes.max()) + 1.0, xtol=1e-6))
+        return scales
 
     def _left(self, fit: Fit) -> NDArray[np.float64]:
         left: NDArray[np.float64] = self._raw - np.concatenate([fit.features[k] for k in self._used])
@@ -327,8 +357,8 @@ class Discrepancy:
     def _variance(self, rest: NDArray[np.float64], spread_over: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return the variance of every feature under which least squares has the gradient of the likelihood.
 
-        A block's share in it is that of the logarithm of what it leaves: half of `_share` over what is left there
-        (majorisation; Hunter and Lange 2004, Am. Stat. 58:30). So fits and their scores mean the same.
+        A block's share in it is that of the logarithm of what it leaves (majorisation; Hunter and Lange 2004, Am. Stat.
+        58:30), with the likeliest scales. So fits and their scores mean the same.
 
         Args:
             rest: What scatter and constants leave of every feature.
@@ -336,11 +366,11 @@ class Discrepancy:
 
         """
         left = np.square(rest) / self._base
-        further = np.maximum(np.bincount(self._blocks, left) - self._expected, 0.0)[self._blocks]
-        sizes = self._expected[self._blocks]
-        share = np.bincount(spread_over, further) / np.bincount(spread_over, sizes)
+        further, sizes = np.maximum(np.bincount(self._blocks, left) - self._expected, 0.0), self._expected[self._blocks]
+        freedom, scales = self._constants.block_freedom, self._scales(further)[self._blocks]
+        share = np.bincount(spread_over, further[self._blocks]) / np.bincount(spread_over, sizes)
         total: NDArray[np.float64] = (
-            self._base * sizes * (self._constants.discrepancy_of_block + share[spread_over]) / self._share
+            self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
         )
         return total
 
