@@ -277,3 +277,35 @@ def test_an_effect_that_is_another_in_each_setting_does_not_predict() -> None:
     same, other = (recorded(31, {"load.share": share}, {}) for share in (0.3, 0.7))
     assert further(same) < 1.0
     assert further([same[0], *other[1:]]) > 3.0
+
+
+LINES, LINE_TIMES_S = ("first", "second", "third", "fourth"), 0.02 * np.arange(200)
+
+
+def lines(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+    """Return readings of four lines that follow a course, each later by its lag."""
+    course, found = np.asarray(recording.inputs), {}
+    for name in LINES:
+        found[name] = course - values.get(f"lag_{name}.lag_s", 0.0) * np.gradient(course, LINE_TIMES_S)
+    return found
+
+
+@pytest.mark.parametrize(("lag_s", "verdict"), [(0.05, Verdict.EFFECTS), (0.0, Verdict.NO_GAP)])
+def test_a_signal_that_is_off_as_no_other_of_its_unit_is_named(lag_s: float, verdict: Verdict) -> None:
+    """The simulator is wrong by five times the noise everywhere; one line lags, which one recording of four shows."""
+    random, library = np.random.default_rng(5), []
+    for name in LINES:
+        parameter = EffectParameter("lag_s", "s", 0.0, 0.0, 0.2, "assumed")
+        library.append(Effect(f"lag_{name}", "lines", (parameter,), "Look at it."))
+    courses = [*(3.0 * np.sin(rate * LINE_TIMES_S) for rate in (0.5, 0.7, 0.9)), 100.0 * np.tanh(5.0 * np.sin(5.0 * LINE_TIMES_S))]
+    runs = []
+    for k, course in enumerate(courses):
+        made = lines(Recording("", (), course), {"lag_third.lag_s": lag_s})
+        signals = []
+        for i, (name, values) in enumerate(made.items()):
+            error = 5.0 * np.sin(3.0 * LINE_TIMES_S + i + 2.0 * k) + random.normal(0.0, 1.0, LINE_TIMES_S.size)
+            signals.append(Signal(name, "Pa", LINE_TIMES_S, values + error, noise=1.0))
+        runs.append(Recording(f"run {k}", tuple(signals), course))
+    found = diagnose(runs, Problem(lines, Library(tuple(library)), accuracy=0.02), jobs=1)
+    assert found.verdict is verdict
+    assert [each.name for each in found.effects] == (["lag_third"] if lag_s else [])
