@@ -297,7 +297,10 @@ def test_a_signal_that_is_off_as_no_other_of_its_unit_is_named(lag_s: float, ver
     for name in LINES:
         parameter = EffectParameter("lag_s", "s", 0.0, 0.0, 0.2, "assumed")
         library.append(Effect(f"lag_{name}", "lines", (parameter,), "Look at it."))
-    courses = [*(3.0 * np.sin(rate * LINE_TIMES_S) for rate in (0.5, 0.7, 0.9)), 100.0 * np.tanh(5.0 * np.sin(5.0 * LINE_TIMES_S))]
+    courses = [
+        *(3.0 * np.sin(rate * LINE_TIMES_S) for rate in (0.5, 0.7, 0.9)),
+        100.0 * np.tanh(5.0 * np.sin(5.0 * LINE_TIMES_S)),
+    ]
     runs = []
     for k, course in enumerate(courses):
         made = lines(Recording("", (), course), {"lag_third.lag_s": lag_s})

@@ -1,11 +1,12 @@
 """Model discrepancy: what the simulator has wrong that no constant of the machine explains, and how candidates compare.
 
-It has a variance of its own in every signal and block of time, found as in iteratively reweighted least squares, and is
-correlated over the block, so it counts once a block and not once a bin (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B
-63:425, on why it must count; Green 1984, J. R. Stat. Soc. B 46:149). How large it may be in one block others of the same
-unit say, since the scale of its variances' prior is fitted (a hierarchical t distribution; Gelman et al., Bayesian Data
-Analysis, 3rd ed., ch. 5 and 17): a channel that is off as three others are speaks for no fault of its own. Where there are references it cancels to first
-order, and what the true effect leaves beyond scatter is all that is left of it.
+It has a variance of its own in every signal and block of time, found as in iteratively reweighted least squares, and
+is correlated over the block, so it counts once a block and not once a bin (Kennedy and O'Hagan 2001, J. R. Stat. Soc.
+B 63:425, on why it must count; Green 1984, J. R. Stat. Soc. B 46:149). How large it may be in one block the others of
+the same unit say, since the scale of its variances' prior is fitted (a hierarchical t distribution; Gelman et al.,
+Bayesian Data Analysis, 3rd ed., ch. 5 and 17): a channel that is off as three others are speaks for no fault of its
+own. Where there are references it cancels to first order, and what the true effect leaves beyond scatter is all that
+is left of it.
 """
 
 from __future__ import annotations
@@ -304,10 +305,11 @@ class Discrepancy:
         return np.stack([np.apply_along_axis(self._by_blocks, -1, left), together], axis=-1)
 
     def _by_blocks(self, further: NDArray[np.float64]) -> np.float64:
-        """Return the log-likelihood of what is left beyond noise of every block, shape (blocks,): of t distributions."""
+        """Return the log-likelihood, of t distributions, of what every block leaves beyond noise, shape (blocks,)."""
         freedom, scales = self._constants.block_freedom, self._scales(further)
         terms = np.log(scales) + (freedom + 1.0) * np.log1p(further / self._expected / (freedom * scales))
-        return np.float64(-0.5 * self._share * terms.sum())
+        found: np.float64 = -0.5 * self._share * terms.sum()
+        return found
 
     def _scales(self, further: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the likeliest scale of the discrepancy's variance for every block, the same for all of a kind.
@@ -325,7 +327,9 @@ class Discrepancy:
                 return float(((freedom + 1.0) * sizes / (freedom * np.exp(log_scale) + sizes) - 1.0).sum())
 
             if slope(np.log(least)) > 0.0:
-                scales[own] = np.exp(brentq(slope, np.log(least), np.log((1.0 + freedom) * sizes.max()) + 1.0, xtol=1e-6))
+                scales[own] = np.exp(
+                    brentq(slope, np.log(least), np.log((1.0 + freedom) * sizes.max()) + 1.0, xtol=1e-6)
+                )
         return scales
 
     def _left(self, fit: Fit) -> NDArray[np.float64]:

@@ -70,7 +70,7 @@ class TendonParameters:
     relaxation_times_s: tuple[float, float, float, float] = (0.003, 0.03, 0.3, 3.0)
     """Time constant of each branch, s. Assumed: one per decade over what the tests span."""
     creep_gain: float = 0.0
-    """Gain of a fifth, slow branch over the long-term force, 1. Assumed: 0, since no test of the paper lasts for long."""
+    """Gain of a fifth, slow branch over the long-term force, 1. Assumed: 0, as no test of the paper lasts that long."""
     creep_time_s: float = 30.0
     """Its time constant, s. Assumed: a decade beyond the others."""
     friction_stiffness_n_m: tuple[float, float] = (1036.7, 477.1)

@@ -214,84 +214,94 @@ def advance_pneumatics(law: Any, state: Any) -> None:
 def exchange_air(law: Any, state: Any) -> None:
     """Advance manifold and channels by one time step; every kilogram moved is booked on both sides.
 
-    The first law for an open volume of ideal gas whose walls have the temperature of the room: what comes in brings its
-    enthalpy along, what stays expands, and the walls take the difference away with the volume's time constant, so that
-    it is isothermal with 0 and adiabatic with infinity (Det, Scavarda and Richard 1989, J. Fluid Control 20:24; Carneiro
-    and de Almeida 2006, Proc. IMechE I 220:1). An orifice lets less through the warmer the air is upstream (ISO 6358-1).
+    The first law for open volumes of an ideal gas whose walls have the temperature of the room: what comes in brings
+    its enthalpy along, what stays expands, and the walls take away the difference in the volume's time constant. With
+    0 it is isothermal, with infinity adiabatic (Carneiro and de Almeida 2006, Proc. IMechE Part I 220:301).
 
     Args:
         law: One record of PNEUMATIC_LAW.
         state: One record of PNEUMATIC_STATE, changed in place. A valve's position between 0 and 1 is the share of the
-            step for which it draws from the manifold. Where it has changed, air of the atmosphere comes past it into the
-            manifold, as all ports are connected while the armature travels.
+            step for which it draws from the manifold. Where it has changed, air of the atmosphere comes past it into
+            the manifold, as all ports are connected while the armature travels.
 
     """
-    ambient = law.ambient_pa
     duration_s = law.step_s / law.substeps
     for i in range(VALVES):
         state.crossing_s[i] += abs(state.position[i] - state.settled[i]) * law.valve_crossover_s
         state.settled[i] = state.position[i]
     for _ in range(law.substeps):
-        manifold_pa, manifold_warmth = state.pressure_pa[0], 1.0 + state.warmer[0]
-        vacuum_pa = ambient - manifold_pa
-        flow_m3_s = law.pump_free_flow_m3_s * state.duty * (1.0 - vacuum_pa / law.pump_ultimate_vacuum_pa)
-        pumped_kg = max(flow_m3_s, 0.0) * manifold_pa / (law.specific_energy_j_kg * manifold_warmth) * duration_s
-        if law.pump_filling != 0.0:
-            pumped_kg *= (ambient / manifold_pa) ** law.pump_filling
         for i in range(VOLUMES):
             state.heat_kg[i] = state.mass_kg[i] * (1.0 + state.warmer[i])
-        state.mass_kg[0] -= pumped_kg
-        state.heat_kg[0] -= HEAT_CAPACITY_RATIO * manifold_warmth * pumped_kg
-        state.pumped_kg += pumped_kg
+        _pump(law, state, duration_s)
         for i in range(VOLUMES):
-            pressure_pa = state.pressure_pa[i]
-            leaked_kg = duration_s * orifice_flow_kg_s(
-                ambient, pressure_pa, law.leak_kg_s_pa[i], law.critical_ratio, law.linear_ratio
-            )
-            _admit(state, i, leaked_kg)
+            _admit(law, state, i, law.leak_kg_s_pa[i], duration_s)
         for i in range(VALVES):
-            drawing = state.position[i]
-            if drawing > 0.0:
-                moved_kg = (drawing * duration_s) * orifice_flow_kg_s(
-                    manifold_pa, state.pressure_pa[i + 1], law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
-                )
-                warmth = manifold_warmth if moved_kg > 0.0 else 1.0 + state.warmer[i + 1]
-                moved_kg /= math.sqrt(warmth)
-                carried_kg = HEAT_CAPACITY_RATIO * warmth * moved_kg
-                state.mass_kg[i + 1] += moved_kg
-                state.mass_kg[0] -= moved_kg
-                state.heat_kg[i + 1] += carried_kg
-                state.heat_kg[0] -= carried_kg
-            if drawing < 1.0:
-                moved_kg = ((1.0 - drawing) * duration_s) * orifice_flow_kg_s(
-                    ambient, state.pressure_pa[i + 1], law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
-                )
-                _admit(state, i + 1, moved_kg)
-            crossing_s = min(state.crossing_s[i], duration_s)
-            if crossing_s > 0.0:
-                state.crossing_s[i] -= crossing_s
-                moved_kg = crossing_s * orifice_flow_kg_s(
-                    ambient, manifold_pa, law.valve_kg_s_pa[i], law.critical_ratio, law.linear_ratio
-                )
-                _admit(state, 0, moved_kg)
+            _pass_valve(law, state, i, duration_s)
         for i in range(VOLUMES):
-            mass_kg, time_s = state.mass_kg[i], law.thermal_time_s[i]
-            at_ambient_kg = ambient * law.volume_m3[i] / law.specific_energy_j_kg
-            # Implicit: with a time constant of 0 the air has the temperature of the walls.
-            kept = time_s / (time_s + duration_s * at_ambient_kg / mass_kg)
-            state.warmer[i] = kept * (state.heat_kg[i] / mass_kg - 1.0)
-            specific_energy_j_kg = law.specific_energy_j_kg * (1.0 + state.warmer[i])
-            state.pressure_pa[i] = mass_kg * specific_energy_j_kg / law.volume_m3[i]
+            _settle(law, state, i, duration_s)
 
 
 @compiled
-def _admit(state: Any, volume: int, flow_kg: float) -> None:
-    """Let air of the atmosphere into a volume, or where `flow_kg` is negative out of it."""
-    warmth = 1.0 if flow_kg > 0.0 else 1.0 + state.warmer[volume]
-    moved_kg = flow_kg / math.sqrt(warmth)
+def _pump(law: Any, state: Any, duration_s: float) -> None:
+    """Draw from the manifold."""
+    manifold_pa, warmth = state.pressure_pa[0], 1.0 + state.warmer[0]
+    vacuum_pa = law.ambient_pa - manifold_pa
+    flow_m3_s = law.pump_free_flow_m3_s * state.duty * (1.0 - vacuum_pa / law.pump_ultimate_vacuum_pa)
+    pumped_kg = max(flow_m3_s, 0.0) * manifold_pa / (law.specific_energy_j_kg * warmth) * duration_s
+    if law.pump_filling != 0.0:
+        pumped_kg *= (law.ambient_pa / manifold_pa) ** law.pump_filling
+    state.mass_kg[0] -= pumped_kg
+    state.heat_kg[0] -= HEAT_CAPACITY_RATIO * warmth * pumped_kg
+    state.pumped_kg += pumped_kg
+
+
+@compiled
+def _admit(law: Any, state: Any, volume: int, conductance_kg_s_pa: float, duration_s: float) -> None:
+    """Let air of the atmosphere into a volume, or out of it where its pressure is higher."""
+    moved_kg = duration_s * orifice_flow_kg_s(
+        law.ambient_pa, state.pressure_pa[volume], conductance_kg_s_pa, law.critical_ratio, law.linear_ratio
+    )
+    warmth = 1.0 if moved_kg > 0.0 else 1.0 + state.warmer[volume]
+    # An orifice lets less through the warmer the air is upstream (ISO 6358-1).
+    moved_kg /= math.sqrt(warmth)
     state.mass_kg[volume] += moved_kg
     state.heat_kg[volume] += HEAT_CAPACITY_RATIO * warmth * moved_kg
     state.admitted_kg += moved_kg
+
+
+@compiled
+def _pass_valve(law: Any, state: Any, valve: int, duration_s: float) -> None:
+    """Let air between a channel, the manifold and the atmosphere, as the valve stands or moves."""
+    channel, drawing, conductance_kg_s_pa = valve + 1, state.position[valve], law.valve_kg_s_pa[valve]
+    if drawing > 0.0:
+        moved_kg = (drawing * duration_s) * orifice_flow_kg_s(
+            state.pressure_pa[0], state.pressure_pa[channel], conductance_kg_s_pa, law.critical_ratio, law.linear_ratio
+        )
+        warmth = 1.0 + (state.warmer[0] if moved_kg > 0.0 else state.warmer[channel])
+        moved_kg /= math.sqrt(warmth)
+        carried_kg = HEAT_CAPACITY_RATIO * warmth * moved_kg
+        state.mass_kg[channel] += moved_kg
+        state.mass_kg[0] -= moved_kg
+        state.heat_kg[channel] += carried_kg
+        state.heat_kg[0] -= carried_kg
+    if drawing < 1.0:
+        _admit(law, state, channel, conductance_kg_s_pa, (1.0 - drawing) * duration_s)
+    crossing_s = min(state.crossing_s[valve], duration_s)
+    if crossing_s > 0.0:
+        state.crossing_s[valve] -= crossing_s
+        _admit(law, state, 0, conductance_kg_s_pa, crossing_s)
+
+
+@compiled
+def _settle(law: Any, state: Any, volume: int, duration_s: float) -> None:
+    """Let the walls of a volume take heat away, and find its temperature and pressure."""
+    mass_kg, time_s = state.mass_kg[volume], law.thermal_time_s[volume]
+    at_ambient_kg = law.ambient_pa * law.volume_m3[volume] / law.specific_energy_j_kg
+    # Implicit: with a time constant of 0 the air has the temperature of the walls.
+    kept = time_s / (time_s + duration_s * at_ambient_kg / mass_kg)
+    state.warmer[volume] = kept * (state.heat_kg[volume] / mass_kg - 1.0)
+    specific_energy_j_kg = law.specific_energy_j_kg * (1.0 + state.warmer[volume])
+    state.pressure_pa[volume] = mass_kg * specific_energy_j_kg / law.volume_m3[volume]
 
 
 @compiled

@@ -1,8 +1,8 @@
 """Pump, manifold, three solenoids, channels: parameters, packing for the compiled law, and the state of the air.
 
-One mass of air per volume, isothermal unless its walls are given a thermal time. A channel's 3/2 solenoid connects it to the manifold when energised and to the
-atmosphere when not, so that an ankle without power is soft. No data of the paper's pump could be found: the numbers
-below are assumed and declared, and a recording is what would replace them.
+One mass of air per volume, isothermal unless its walls are given a thermal time. A channel's 3/2 solenoid connects it
+to the manifold when energised and to the atmosphere when not, so that an ankle without power is soft. No data of the
+paper's pump could be found: the numbers below are assumed and declared, and a recording is what would replace them.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ class PneumaticParameters:
     valve_dead_time_s: float = 0.010
     """Time from command to movement, both ways, s. Assumed; small solenoids have 5 to 20 ms."""
     valve_crossover_s: float = 0.0
-    """Time for which a valve that switches is as good as open from the atmosphere to the manifold, s: while its armature
-    travels all three ports are connected, but for half of them each, at most. Assumed: 0, none."""
+    """Time for which a valve that switches is as good as open from the atmosphere to the manifold, s, since all three
+    ports of a seat valve are connected while its armature travels. Assumed: 0, none."""
     manifold_thermal_time_s: float = 0.0
-    """Time in which the manifold's air at the pressure of the room takes its walls' temperature on, s. Assumed: 0, which
-    is isothermal. 15 ml between 40 cm^2 of wall, at 5 to 15 W/(m^2 K), have 0.2 to 0.6 s."""
+    """Time in which air at the pressure of the room takes on the temperature of the manifold's walls, s. Assumed: 0,
+    which is isothermal. 15 ml between 40 cm^2 of wall, at 5 to 15 W/(m^2 K), have 0.2 to 0.6 s."""
     tendon_thermal_time_s: float = 0.0
     """The same of tendons and tubes, s. Assumed: 0; among fibres a wall is nearer."""
 
@@ -128,7 +128,9 @@ def stable_substeps(law: NDArray[Any]) -> int:
     pump_rate = record["pump_free_flow_m3_s"] / record["volume_m3"][0]
     pump_rate *= record["ambient_pa"] / record["pump_ultimate_vacuum_pa"]
     passing = 2.0 if record["valve_crossover_s"] else 1.0
-    manifold_rate = slope * (passing * record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
+    manifold_rate = (
+        slope * (passing * record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
+    )
     fastest = float(manifold_rate + channel_rates.max())
     if record["thermal_time_s"].any():
         fastest *= kernels.HEAT_CAPACITY_RATIO  # an adiabatic volume is as much stiffer

@@ -99,9 +99,9 @@ PNEUMATIC_STATE = np.dtype(
         ("crossing_s", np.float64, VALVES),
     ],
 )
-"""Air in each volume, how much warmer than the room it is as a share of the room's temperature, and its heat in kilograms of
-air of the room; the ledger of what pump and atmosphere exchanged, the commands, and the valves:
-where they stood a step before, and how long they are still to let air past them into the manifold."""
+"""Air in each volume, its pressure, by which share of the room's temperature it is warmer than the room, and its mass
+times its temperature over the room's; what pump and atmosphere have exchanged; the commands; and the valves, with
+where they stood a step before and how long they are still to let air past them into the manifold."""
 
 IMU_AXES = 6
 """Three of specific force, then three of angular velocity."""

@@ -89,7 +89,9 @@ def tendon_law(
     record["table_step_m"] = step_m
     record["static_force_n"] = force_table_n(parameters.fibres, step_m, records.TABLE_POINTS)
     record["decay"] = decay
-    record["gain"] = np.array([*parameters.relaxation_gains, parameters.creep_gain]) * times_s / timestep_s * (1.0 - decay)
+    record["gain"] = (
+        np.array([*parameters.relaxation_gains, parameters.creep_gain]) * times_s / timestep_s * (1.0 - decay)
+    )
     record["friction_stiffness_n_m"] = parameters.friction_stiffness_n_m
     record["friction_yield_n_per_pa"] = np.array(parameters.friction_yield_n_per_pa) * parameters.friction_scale
     record["friction_onset_pa"] = parameters.friction_onset_pa
