@@ -14,6 +14,7 @@ from jammkle_sim.physics import pneumatics
 from jammkle_sim.physics.kernels import orifice_flow_kg_s
 from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
 
+Coils = tuple[bool, bool, bool]
 DT_S = 0.0005
 ALL, NONE = (True, True, True), (False, False, False)
 AMBIENT_PA = PneumaticParameters().ambient_pa
@@ -211,14 +212,32 @@ def test_air_is_conserved_that_is_not_at_the_temperature_of_its_walls(
     assert abs(air.mass_kg - start_kg - air.exchanged_kg) <= 1e-9 * start_kg
 
 
+@pytest.mark.parametrize("step_s", [DT_S, 0.001])
+def test_heat_and_crossover_begin_where_nothing_is(step_s: float) -> None:
+    """The least of either moves no pressure: the air is advanced in as many parts with it."""
+    courses = []
+    for least in (0.0, 1e-9):
+        given = PneumaticParameters(valve_crossover_s=least, manifold_thermal_time_s=least, tendon_thermal_time_s=least)
+        air = Pneumatics(given, step_s)
+        air.command(1.0, ALL)
+        courses.append(air.advance(1000))
+    assert np.abs(courses[1] - courses[0]).max() < 0.1
+
+
 @pytest.mark.parametrize(("before", "after"), [(NONE, ALL), (ALL, NONE)])
-def test_valves_that_switch_let_air_past_them(before: tuple[bool, ...], after: tuple[bool, ...]) -> None:
-    """Both ways, as much as they let through in the time that is given when they are open and choke."""
+@pytest.mark.parametrize("pinched", [1.0, 0.3])
+def test_valves_that_switch_let_air_past_them(before: Coils, after: Coils, pinched: float) -> None:
+    """Both ways, as much as they let through in the time that is given when they are open and choke.
+
+    What is pinched is the line behind them.
+    """
     masses_kg = []
     for crossover_s in (0.0, 0.003):
         given = PneumaticParameters(leak_conductance_dm3_s_bar=0.0, valve_crossover_s=crossover_s)
         air = Pneumatics(given, DT_S)
         air.command(1.0, before)
+        for channel in CHANNELS:
+            air.pinch(channel, pinched)
         air.advance(4000)
         air.command(0.0, after)
         air.advance(round((given.valve_dead_time_s + 0.2) / DT_S))

@@ -553,7 +553,7 @@ def cross_over(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def warm_manifold(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Let the manifold's air take the temperature of its walls on `later_s` later."""
+    """Let the manifold's air reach the temperature of its walls `later_s` later."""
 
     def change(law: Any) -> None:
         law["thermal_time_s"][0] += values["later_s"]
@@ -562,7 +562,7 @@ def warm_manifold(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 
 def warm_tendons(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Let the air of tendons and tubes take the temperature of what surrounds it on `later_s` later."""
+    """Let the air of tendons and tubes reach the temperature of what surrounds it `later_s` later."""
 
     def change(law: Any) -> None:
         law["thermal_time_s"][1:] += values["later_s"]
@@ -611,6 +611,7 @@ def scale_relaxation(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
 
     def change(law: Any) -> None:
         weight = np.interp(np.log10(branch_times_s(law, step_s)), decades, hat)
+        weight[-1] = 0.0  # what goes on for minutes is a constant of its own
         law["gain"] *= values["scale"] ** weight
 
     return with_tendons(rig, "", change)

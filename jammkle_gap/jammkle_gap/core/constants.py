@@ -111,7 +111,7 @@ class Constants:
     as scatter, since nothing cancels it."""
     block_freedom: float = 2.0
     """Degrees of freedom of its t distribution over the blocks of a unit. Chosen: few, so that a simulator may be far
-    off in some of them. With four a line closed by 70 % of a development specimen gains 22 nats instead of 14, but a
+    off in some of them. With four a line closed by 70 % of a development specimen gains half as much again, but a
     real servo's limit of torque gains more too, beside which friction with load is hardly seen."""
     pair_penalty: float = 2.0
     """Nats that a second effect costs: prior odds of a pair. Learned."""

@@ -259,8 +259,8 @@ class Discrepancy:
         """Return log-likelihoods in settings without references, relative to the simulator's error alone.
 
         None of them first: it is that, or a cause unknown to the library. A candidate's is that of a t distribution
-        for every signal and block with one degree of freedom, which all settings share since the simulator's error
-        repeats itself over them, and the prior of the scores of scatter and constants. The best must stand up to none
+        for every signal and block, of which all settings count as one since the simulator's error repeats itself over
+        them, and the prior of the scores of scatter and constants. The best must stand up to none
         of them by all blocks together as well, so that many small blocks explained do not make up for large ones left
         alone. The error of a simulator resembles one effect or another by chance, the more of them there are: none of
         them is as likely beforehand as all single effects together, and each of these as all pairs that it is in
@@ -314,8 +314,8 @@ class Discrepancy:
     def _scales(self, further: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the likeliest scale of the discrepancy's variance for every block, the same for all of a kind.
 
-        In what is expected of scatter, and no less than `discrepancy_of_block`. With a free mean of zero the likelihood
-        of a t distribution has one maximum over its scale.
+        In what is expected of scatter, and no less than `discrepancy_of_block`. With its mean known to be zero the
+        likelihood of a t distribution has one maximum over its scale.
         """
         freedom, least = self._constants.block_freedom, self._constants.discrepancy_of_block
         scales = np.full(len(further), least)
@@ -373,10 +373,9 @@ class Discrepancy:
         further, sizes = np.maximum(np.bincount(self._blocks, left) - self._expected, 0.0), self._expected[self._blocks]
         freedom, scales = self._constants.block_freedom, self._scales(further)[self._blocks]
         share = np.bincount(spread_over, further[self._blocks]) / np.bincount(spread_over, sizes)
-        total: NDArray[np.float64] = (
-            self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
-        )
-        return total
+        total = self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
+        found: NDArray[np.float64] = np.maximum(total, self._base)
+        return found
 
     def _solved(
         self, left: NDArray[np.float64], total: NDArray[np.float64], shared: NDArray[np.float64]

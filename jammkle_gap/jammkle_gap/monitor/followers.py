@@ -24,7 +24,7 @@ from jammkle_gap.ankle.sensors import (
     quantity_of,
 )
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.pneumatics import vented_state
+from jammkle_sim.physics.pneumatics import state_at, vented_state
 from jammkle_sim.physics.tendon import relaxed_state
 from jammkle_sim.rigs.replay import Bodies, CommandTrack, Timeline, actuation, timestep_s
 from jammkle_sim.rigs.rig import imu_at_rest, laws_of
@@ -249,12 +249,7 @@ class AirFollower:
         """Start from the pressures measured at a time."""
         self._time_s = time_s
         found = [tracks.of(topic.name).at(_PRESSURE, np.array([time_s]))[0] for topic in _SOURCES] - self._offsets_pa()
-        for state in self._states:
-            state["pressure_pa"][0] = found
-            state["mass_kg"] = (
-                state["pressure_pa"] * self._law["volume_m3"] / self._law["specific_energy_j_kg"][:, None]
-            )
-            state["warmer"] = 0.0
+        self._states = [state_at(self._law, np.array(found)) for _ in self._states]
 
     def follow(self, tracks: Tracks, stretch: Stretch) -> list[Residual]:
         """Simulate a stretch in whole time steps, and compare it with the samples of every pressure."""

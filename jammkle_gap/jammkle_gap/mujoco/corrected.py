@@ -183,28 +183,33 @@ def closing_of(
     for name, value in vars(unsaid).items():
         setattr(after, name, value)
     squares: dict[str, list[list[float]]] = {}
-    signals = {}
+    noise: dict[str, list[float]] = {}
+    units = {}
     for recording in recordings:
         nominal, better = run(before, recording), run(after, recording)
         for signal in recording.signals:
             left = [float(np.square(signal.values - made[signal.name]).sum()) for made in (nominal, better)]
             squares.setdefault(signal.name, []).append([*left, float(len(signal.values))])
-            signals[signal.name] = signal
+            noise.setdefault(signal.name, []).append(scale_of(signal) ** 2 * len(signal.values))
+            units[signal.name] = signal.unit
     found = []
     for name, parts in squares.items():
         first, second, count = np.sum(parts, axis=0)
-        sizes = float(np.sqrt(first / count)), float(np.sqrt(second / count))
-        found.append(SignalClosing(name, signals[name].unit, *sizes, scale_of(signals[name])))
+        nominal, better, own = np.sqrt(np.array([first, second, sum(noise[name])]) / count).tolist()
+        found.append(SignalClosing(name, units[name], nominal, better, own))
     return tuple(found)
 
 
 def share_left(closing: Sequence[SignalClosing]) -> float:
-    """Return the share of the gap that the corrected model leaves: root mean square over all signals, beyond noise."""
+    """Return the share of the gap that the corrected model leaves: root mean square over all signals, beyond noise.
+
+    Infinite where there was none.
+    """
     nominal, corrected = (
         sum(max((size / each.noise) ** 2 - 1.0, 0.0) for each, size in zip(closing, sizes, strict=True))
         for sizes in ([each.nominal for each in closing], [each.corrected for each in closing])
     )
-    return float(np.sqrt(corrected / nominal)) if nominal > 0.0 else 0.0
+    return float(np.sqrt(corrected / nominal)) if nominal > 0.0 else np.inf if corrected > 0.0 else 0.0
 
 
 def _machine(robot: Robot) -> Machine:

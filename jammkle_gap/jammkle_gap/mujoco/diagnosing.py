@@ -152,6 +152,8 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
     target.write_text(corrected.xml, encoding="utf-8")
     closing = closing_of(robot, target, runs, tried)
+    if tried is not compared:
+        found = _doubted(found, share_left(closing), where)
     notes = (
         *decided,
         f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
@@ -159,8 +161,6 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
-    if tried is not compared:
-        found = _doubted(found, share_left(closing), where)
     shared = {name: each for name, each in offer.members.items() if name not in excluded}
     return RobotDiagnosis(
         found, robot, Library(offered), shared, problem, tuple(compared), tuple(tried), corrected, closing
@@ -224,7 +224,7 @@ _DOUBTED = 1.25
 
 
 def _doubted(found: Diagnosis, left: float, where: str) -> Diagnosis:
-    """Return a diagnosis in which none of the effects is as likely as what closes too little of what was not fitted."""
+    """Return a diagnosis in which none of the effects is as likely, if the corrected model closes too little."""
     if found.verdict not in {Verdict.EFFECTS, Verdict.AMBIGUOUS} or left <= _TOO_MUCH_LEFT:
         return found
     lead = next(each for each in found.candidates if each.names)
@@ -277,7 +277,9 @@ _BEGIN = 0.1
 def _beside(names: Sequence[str], found: Diagnosis) -> str:
     if not names:
         return " alone"
-    return f" and {' and '.join(names)}" + (", which is a lead" if found.verdict is Verdict.UNKNOWN else "")
+    return f" and {' and '.join(names)}" + (
+        ", which is a lead" if NONE_OF_THEM in (each.names for each in found.candidates) else ""
+    )
 
 
 def _sentence(closing: Sequence[SignalClosing]) -> str:

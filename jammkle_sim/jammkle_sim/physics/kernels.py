@@ -22,6 +22,7 @@ from jammkle_sim.physics.records import (
     IMU_AXES,
     LOAD_CELL_AXES,
     TABLE_POINTS,
+    UNKNOWN,
     VALVES,
     VOLUMES,
 )
@@ -227,7 +228,8 @@ def exchange_air(law: Any, state: Any) -> None:
     """
     duration_s = law.step_s / law.substeps
     for i in range(VALVES):
-        state.crossing_s[i] += abs(state.position[i] - state.settled[i]) * law.valve_crossover_s
+        if state.settled[i] != UNKNOWN:
+            state.crossing_s[i] += abs(state.position[i] - state.settled[i]) * law.valve_crossover_s
         state.settled[i] = state.position[i]
     for _ in range(law.substeps):
         for i in range(VOLUMES):
@@ -289,7 +291,8 @@ def _pass_valve(law: Any, state: Any, valve: int, duration_s: float) -> None:
     crossing_s = min(state.crossing_s[valve], duration_s)
     if crossing_s > 0.0:
         state.crossing_s[valve] -= crossing_s
-        _admit(law, state, 0, conductance_kg_s_pa, crossing_s)
+        # It passes the valve's two seats alone: a tube that is pinched behind them changes nothing.
+        _admit(law, state, 0, law.crossover_kg_s_pa[valve], crossing_s)
 
 
 @compiled

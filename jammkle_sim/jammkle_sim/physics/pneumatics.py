@@ -98,6 +98,7 @@ def pneumatic_law(parameters: PneumaticParameters, timestep_s: float) -> NDArray
     record["pump_ultimate_vacuum_pa"] = parameters.pump_ultimate_vacuum_pa
     record["pump_filling"] = parameters.pump_filling
     record["valve_dead_time_s"] = parameters.valve_dead_time_s
+    record["crossover_kg_s_pa"] = valve_kg_s_pa
     record["valve_crossover_s"] = parameters.valve_crossover_s
     record["thermal_time_s"] = parameters.tendon_thermal_time_s
     record["thermal_time_s"][0] = parameters.manifold_thermal_time_s
@@ -127,21 +128,27 @@ def stable_substeps(law: NDArray[Any]) -> int:
     channel_rates = slope * (record["valve_kg_s_pa"] + record["leak_kg_s_pa"][1:]) * per_volume[1:]
     pump_rate = record["pump_free_flow_m3_s"] / record["volume_m3"][0]
     pump_rate *= record["ambient_pa"] / record["pump_ultimate_vacuum_pa"]
-    passing = 2.0 if record["valve_crossover_s"] else 1.0
-    manifold_rate = (
-        slope * (passing * record["valve_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]) * per_volume[0] + pump_rate
-    )
-    fastest = float(manifold_rate + channel_rates.max())
-    if record["thermal_time_s"].any():
-        fastest *= kernels.HEAT_CAPACITY_RATIO  # an adiabatic volume is as much stiffer
+    through = record["valve_kg_s_pa"].sum() + record["crossover_kg_s_pa"].sum() + record["leak_kg_s_pa"][0]
+    manifold_rate = slope * through * per_volume[0] + pump_rate
+    # Adiabatic volumes are as much stiffer. Others, and valves without crossover, take as many parts, so that pressures
+    # do not jump where either begins.
+    fastest = kernels.HEAT_CAPACITY_RATIO * float(manifold_rate + channel_rates.max())
     return max(1, math.ceil(float(record["step_s"]) * fastest / _STABLE_STEP))
 
 
 def vented_state(law: NDArray[Any]) -> NDArray[Any]:
     """Everything at ambient pressure, pump off, solenoids released; shape (1,) of PNEUMATIC_STATE."""
+    state = state_at(law, np.full(records.VOLUMES, law["ambient_pa"][0]))
+    state["settled"] = 0.0
+    return state
+
+
+def state_at(law: NDArray[Any], pressure_pa: NDArray[np.float64]) -> NDArray[Any]:
+    """Air at rest at absolute pressures, Pa, shape (VOLUMES,), however the valves stand; shape as of `vented_state`."""
     state = np.zeros(1, dtype=records.PNEUMATIC_STATE)
-    state["pressure_pa"] = law["ambient_pa"][:, np.newaxis]
+    state["pressure_pa"] = pressure_pa
     state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
+    state["settled"] = records.UNKNOWN
     return state
 
 

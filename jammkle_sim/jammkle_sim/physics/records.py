@@ -74,6 +74,7 @@ PNEUMATIC_LAW = np.dtype(
         ("pump_ultimate_vacuum_pa", np.float64),
         ("pump_filling", np.float64),
         ("valve_dead_time_s", np.float64, VALVES),
+        ("crossover_kg_s_pa", np.float64, VALVES),
         ("valve_crossover_s", np.float64),
         ("thermal_time_s", np.float64, VOLUMES),
         ("step_s", np.float64),
@@ -81,6 +82,9 @@ PNEUMATIC_LAW = np.dtype(
     ],
 )
 """Constants of the pneumatics."""
+
+UNKNOWN = -1.0
+"""Where a valve stood a step before, of a state that does not say."""
 
 PNEUMATIC_STATE = np.dtype(
     [

@@ -11,7 +11,7 @@ import numpy as np
 
 from jammkle_common.names import CARRIAGE_JOINT, CHANNELS
 from jammkle_sim.physics import kernels, records
-from jammkle_sim.physics.pneumatics import vented_state
+from jammkle_sim.physics.pneumatics import state_at, vented_state
 from jammkle_sim.rigs.model import DRIVE, release
 from jammkle_sim.rigs.rig import GROUND, Event, Rig, assembled, laws_of
 from jammkle_sim.rigs.simulation import UnstableSimulationError
@@ -280,12 +280,8 @@ def air(
 
     """
     law = laws_of(rig).pneumatics
-    state = vented_state(law)
-    if start_pa is not None:
-        state["pressure_pa"][0] = start_pa
-        state["mass_kg"] = state["pressure_pa"] * law["volume_m3"] / law["specific_energy_j_kg"][:, np.newaxis]
+    state = vented_state(law) if start_pa is None else state_at(law, start_pa)
     duty, drawing = actuation(rig, law, commands, steps)
-    state["settled"][0] = drawing[0]
     pressure_pa = np.zeros((steps + 1, records.VOLUMES))
     pressure_pa[0] = state["pressure_pa"][0]
     kernels.air_history(law, state, duty, drawing, pressure_pa[1:])
