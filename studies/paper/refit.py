@@ -76,6 +76,8 @@ HELD_FIXED = {
     "relaxation_gains": "the tensile rows have one speed and say nothing on rate; taken over from an earlier "
     "fit to the jammed and unjammed rows of the drop test in another pose (38 deg, toe at 60 mm), not refitted",
     "relaxation_times_s": "one per decade; gains and times cannot both be told from two peaks",
+    "creep_gain": "no row lasts for a minute",
+    "creep_time_s": "as creep_gain",
     "friction_scale": "only its product with the yield forces matters",
     "grip_saturation_m": "any value well below 20 mm gives the same peaks",
     "break_extension_m": "the paper's",
