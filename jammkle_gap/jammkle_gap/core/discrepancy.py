@@ -314,11 +314,10 @@ class Discrepancy:
     def _scales(self, further: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the likeliest scale of the discrepancy's variance for every block, the same for all of a kind.
 
-        In what is expected of scatter. With the least, what is hardly off weighs as `discrepancy_of_block` of that.
-        With its mean known to be zero the likelihood of a t distribution has one maximum over its scale.
+        In what is expected of scatter, and no less than `discrepancy_of_block`. With its mean known to be zero the
+        likelihood of a t distribution has one maximum over its scale.
         """
-        freedom = self._constants.block_freedom
-        least = self._constants.discrepancy_of_block * (freedom + 1.0) / freedom
+        freedom, least = self._constants.block_freedom, self._constants.discrepancy_of_block
         scales = np.full(len(further), least)
         for kind in range(self._kinds.max() + 1):
             own = self._kinds == kind
@@ -374,10 +373,9 @@ class Discrepancy:
         further, sizes = np.maximum(np.bincount(self._blocks, left) - self._expected, 0.0), self._expected[self._blocks]
         freedom, scales = self._constants.block_freedom, self._scales(further)[self._blocks]
         share = np.bincount(spread_over, further[self._blocks]) / np.bincount(spread_over, sizes)
-        total: NDArray[np.float64] = (
-            self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
-        )
-        return total
+        total = self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
+        found: NDArray[np.float64] = np.maximum(total, self._base)
+        return found
 
     def _solved(
         self, left: NDArray[np.float64], total: NDArray[np.float64], shared: NDArray[np.float64]
