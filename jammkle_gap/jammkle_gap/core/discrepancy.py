@@ -374,7 +374,7 @@ class Discrepancy:
         freedom, scales = self._constants.block_freedom, self._scales(further)[self._blocks]
         share = np.bincount(spread_over, further[self._blocks]) / np.bincount(spread_over, sizes)
         total = self._base * sizes * (freedom * scales + share[spread_over]) / (self._share * (freedom + 1.0))
-        # Where hardly anything is left the gradient asks for less than scatter, which a difference cannot be whitened by.
+        # Where hardly anything is left the gradient asks for less than scatter, which nothing can be whitened by.
         found: NDArray[np.float64] = np.maximum(total, self._base)
         return found
 
