@@ -80,6 +80,9 @@ class Sensed:
         self.effects = frozenset({name})
         self._act, self._only = act, only
 
+    def without_references(self) -> Sensed:
+        return self
+
     def knows(self, effect: str, signal: str) -> bool:
         del effect
         return self._only in {signal, ""}

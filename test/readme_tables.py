@@ -24,7 +24,7 @@ from jammkle_bringup.robot_names import RobotNamesParameters
 from jammkle_common import VERSION
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
-from jammkle_common.parameters import ParameterClass, ParameterRow, Value, rows, typed_row
+from jammkle_common.parameters import ParameterClass, ParameterRow, Value, option_name, rows, typed_row
 from jammkle_controller.core.events import OFFERS, Detection
 from jammkle_controller.core.landing import LandingModel, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
@@ -119,9 +119,9 @@ def value_text(value: Value) -> str:
 
 
 def option_line(row: ParameterRow) -> tuple[str, ...]:
-    """One line of a table of options of the command."""
+    """One line of a table of options: of the command, or of a file alone."""
     name, *rest = parameter_line(typed_row(row))
-    return (f"`--{name.strip('`').replace('_', '-')}`", *rest)
+    return (f"`{option_name(row.name)}`" if row.flag else name, *rest)
 
 
 def parameter_line(row: ParameterRow) -> tuple[str, ...]:

@@ -17,13 +17,9 @@ if TYPE_CHECKING:
 
 UNITS = ("-kpa", "-mm", "-mm-s", "-ml", "-s", "-hz", "-kg", "-deg", "-l-min", "-dm3-s-bar")
 """What the name of an option that takes a number with a unit ends in."""
-NO_UNIT = {"--friction", "--edge-friction", "--slip-friction", "--speed"}
+NO_UNIT = {"--friction", "--speed"}
 """Numbers without a unit; --speed is simulated time per real time."""
 PLACES = {"DIR", "FILE", "BAG"}
-SHARED = {"--output", "--namespace", "--json"}
-"""Of many subcommands, with one meaning."""
-EXPERIMENTS = ("rig", "robot")
-"""Their options are the settings of the simulation: the table that the node's parameters are made from too."""
 
 
 def every_option() -> Iterator[tuple[str, Any]]:
@@ -46,13 +42,6 @@ def test_numbers_are_typed_in_one_unit_each() -> None:
             assert name.endswith(UNITS), f"jammkle {words} {name}"
         if "vacuum" in name and kind(option) in {float, int}:
             assert name.endswith("-kpa"), f"jammkle {words} {name}"
-
-
-def test_a_subcommand_has_at_most_ten_options_of_its_own() -> None:
-    """What is set more rarely is a parameter of a node, in its file or by -p."""
-    for words, command in subcommands().items():
-        own = {long_name(option) for option in options(command)} - SHARED
-        assert len(own) <= 10 or words.split()[0] in EXPERIMENTS, f"jammkle {words}: {sorted(own)}"
 
 
 def test_an_option_takes_the_same_in_every_subcommand() -> None:

@@ -16,8 +16,8 @@ from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
 from jammkle_common.names import JAM_STATE
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
+from jammkle_gap.mujoco.changes import change_timing
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import change_timing
 from jammkle_gap.mujoco.simulator import RobotSimulator, scale_of
 from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.rigs.catalogue import EXERCISES

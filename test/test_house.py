@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from command_tree import long_name, options, subcommands
 
 from jammkle_common.messages import ROS_MODULES
+from jammkle_sim.rigs.catalogue import RIGS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -100,6 +102,10 @@ ALLOWED = {
         "jammkle_msgs",
     },
 }
+SHARED_OPTIONS = {"--output", "--namespace", "--json"}
+"""Options of many verbs, with one meaning: a page says each once."""
+LARGEST_COUNT = 10
+"""Most options that a verb has of its own."""
 OWN = ("jammkle_sim.commands", "jammkle_bringup")
 """Verbs and pages: nobody's but their package's."""
 IMPORT_PURE = f"""
@@ -295,6 +301,15 @@ def test_the_lock_file_names_all_that_it_takes() -> None:
     """It is installed as it stands, so that what it does not name is missing."""
     result = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout
+
+
+def test_a_verb_has_at_most_ten_options_of_its_own() -> None:
+    """What is set more rarely stands in a file: parameters of a node, or options of a rig or robot."""
+    verbs = subcommands()
+    assert {"up", "detect", "gap diagnose", "robot", *(f"rig {name}" for name in RIGS)} <= set(verbs)
+    for words, command in verbs.items():
+        own = {long_name(option) for option in options(command)} - SHARED_OPTIONS
+        assert len(own) <= LARGEST_COUNT, f"jammkle {words}: {sorted(own)}"
 
 
 def code_of(name: str) -> str:

@@ -86,6 +86,11 @@ class Peer:
         self._heard = b""
         asyncio.get_running_loop().add_reader(terminal.mine, self._listen)
 
+    def begin(self, step: Step) -> None:
+        """Say that to the next request. Half of an earlier one is forgotten, as by a board after a silence."""
+        self.terminal.take()
+        self.step, self.numbers, self.said, self._heard = step, [], b"", b""
+
     def leave_in_the_line(self) -> None:
         """Say the latest reply that was held back; return when it lies before the reader."""
         if self._held:
@@ -159,7 +164,7 @@ def talk_over(terminal: Terminal, talk: Callable[[Line, Peer], Coroutine[Any, An
 
 async def ask(line: Line, peer: Peer, step: Step) -> None:
     """Send a request, and hold what comes of it, and what is counted, to what was said."""
-    peer.step, peer.numbers, peer.said = step, [], b""
+    peer.begin(step)
     if step.lies_there:
         peer.leave_in_the_line()
     name, arguments = step.request

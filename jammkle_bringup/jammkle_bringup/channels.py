@@ -19,7 +19,7 @@ from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, below, n
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, SILENT_FOR
+from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, reporting
 from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM, relative, resolved
 from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, JamState
@@ -203,16 +203,8 @@ def all_reported(health: Mapping[str, HealthStatus], drivers: Collection[str]) -
     seen = {name.partition(":")[0] for name in health}
     if not seen.issuperset(drivers):
         return False
-    for name, line in health.items():
-        if not name.endswith(LIVENESS_LINE):
-            continue
-        place = name.rpartition("/")[0]
-        for key, silent_s in line.values.items():
-            node = key.removesuffix(SILENT_FOR)
-            full = node if node.startswith("/") else f"{place}/{node}"
-            if key.endswith(SILENT_FOR) and float(silent_s) <= MISSED_AFTER_S and full not in seen:
-                return False
-    return True
+    received = (reporting(name, line.values) for name, line in health.items() if name.endswith(LIVENESS_LINE))
+    return all(silent_s > MISSED_AFTER_S or node in seen for reports in received for node, silent_s in reports.items())
 
 
 def _jam_status(state: JamState) -> JamStatus:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime as dt
-import math
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,8 +33,8 @@ AllOption = Annotated[
     bool, typer.Option("--all", "--verbose", help="Show every line of every node with all values, or all custom data.")
 ]
 
-LARGEST_RATE_HZ = 10_000.0
-"""Ten times the fastest sensor."""
+LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-6, 10_000.0
+"""A row in eleven days, which still counts in whole nanoseconds, and ten times the fastest sensor."""
 PAGE_NAME = "run.html"
 
 
@@ -328,8 +327,8 @@ def export(
     if csv and parquet:
         msg = "--csv and --parquet exclude each other: give one of them"
         raise InputError(msg)
-    if rate_hz is not None and not (math.isfinite(rate_hz) and 0.0 < rate_hz <= LARGEST_RATE_HZ):
-        msg = f"--rate-hz {rate_hz:g} must be above 0 and at most {LARGEST_RATE_HZ:g} Hz"
+    if rate_hz is not None and not LEAST_RATE_HZ <= rate_hz <= LARGEST_RATE_HZ:
+        msg = f"--rate-hz {rate_hz:g} must be {LEAST_RATE_HZ:g} to {LARGEST_RATE_HZ:g} Hz"
         raise InputError(msg)
     results.check_writable(json)
     from jammkle_bringup.core.export import export as write_tables
@@ -391,11 +390,7 @@ def plot(
     place = None if namespace is None else normalised(namespace)
     with _reading(bag) as show:
         picture = run_picture(bag, place, show, StopRequest())
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"folder {output} cannot be made: {error.strerror}"
-        raise InputError(msg) from error
+    results.make_folder(output)
     try:
         write_html(picture, page)
     except OSError as error:

@@ -31,10 +31,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import LOOKERS, GraphClient, below
-from jammkle_bringup.up import RECORDER, Startup, pass_on
+from jammkle_bringup.up import Startup, pass_on
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.command.results import say
+from jammkle_common.command.results import make_folder, say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import (
     ANKLE_JOINTS,
@@ -52,6 +52,7 @@ from jammkle_common.names import (
     LOCKSTEP,
     ODOMETRY,
     QUADRUPED_ANKLES,
+    RECORDER_NODE,
     SET_AUTO,
     SIM_NODE,
     UNJAM,
@@ -122,7 +123,7 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
         except ParameterError as error:
             msg = f"{sheet.rig}: {error}"
             raise InputError(msg) from error
-        bag.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(bag.parent)
     ends = False
     with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
         session = _Session(client)
@@ -232,7 +233,7 @@ class _Session:
         for doubt in standing(self._joints, self._built[HANG_PITCH]):
             say(doubt)
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
-        spec = ChildSpec(RECORDER, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
+        spec = ChildSpec(RECORDER_NODE, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
         with Supervisor((spec,), pass_on) as supervisor:
             if not Startup(self._client, supervisor).wait(self._is_recorded, _RECORDER_TIMEOUT_S):
                 msg = f"the recorder does not listen to every ankle after {_RECORDER_TIMEOUT_S:g} s"
@@ -288,7 +289,7 @@ class _Session:
                 raise GraphError(msg)
 
     def _is_recorded(self) -> bool:
-        recorder = resolved(self._client.namespace, RECORDER)
+        recorder = resolved(self._client.namespace, RECORDER_NODE)
         return all(
             recorder in {node_at(end) for end in self._client.subscriptions(topic)}
             for ankle in self._ankles

@@ -17,6 +17,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rclpy.time import Time as RosTime
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from std_msgs.msg import Header, String
 
@@ -26,7 +27,9 @@ from jammkle_common.bags.writing import FLUSH_PERIOD_S, BagCounts, BagLog, check
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, SIM_PARAMETERS, TOPICS, resolved
+from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
+from jammkle_common.messages import Health, Level
+from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, RECORDER_NODE, SIM_PARAMETERS, TOPICS, resolved
 from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, node_at, publisher_qos, strongest, with_info
 from jammkle_common.runner import run
 
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from builtin_interfaces.msg import Time
     from rclpy.duration import Duration
     from rclpy.executors import Executor
     from rclpy.subscription import Subscription
@@ -73,7 +77,7 @@ class Recorder(Node):
         self._kept: list[Received] = []
         self.received = 0
         """Messages so far."""
-        super().__init__("recorder", namespace=namespace, start_parameter_services=False)
+        super().__init__(RECORDER_NODE, namespace=namespace, start_parameter_services=False)
         self._namespace = namespace
         self._sim_parameters = resolved(namespace, SIM_PARAMETERS.name)
         self._recorded: dict[str, Subscription] = {}
@@ -82,11 +86,15 @@ class Recorder(Node):
         self._of_clock_maker: dict[str, bool] = {}
         self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
         self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
-        self._refused: set[str] = set()
+        self._refused: dict[str, str] = {}
+        self._tick_ns: int | None = None
         # What the project itself publishes is subscribed to before its publishers are there, so that nothing is
         # lost between a publisher's first message and the next look at the graph.
         for topic in TOPICS:
             self._subscribe(resolved(namespace, topic.name), topic.message_type, publisher_qos(topic))
+        # last, so that whose reports come in knows of all subscriptions before
+        self._liveness = Liveness(self, ankles=None)
+        self._diagnostics = DiagnosticsPublisher(self, "bag", self._health, self._now)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
         self.create_timer(FLUSH_PERIOD_S, self._flush, clock=steady)
@@ -120,6 +128,7 @@ class Recorder(Node):
         if since_ns is not None and time.time_ns() - since_ns > _UNDECIDED_NS and not self.count_publishers(CLOCK.name):
             with self._keeping_failure():
                 self._times.decide(TimeSource.SYSTEM)
+        self._diagnostics.check()
         for name, types in self.get_topic_names_and_types():
             if name in self._refused or name.endswith(f"/{LOCKSTEP.name}") or not belongs(self._namespace, name):
                 continue
@@ -151,8 +160,26 @@ class Recorder(Node):
         self._recorded[name] = self.create_subscription(kind, name, with_info(take), profile, raw=True)
 
     def _refuse(self, name: str, why: str) -> None:
-        self._refused.add(name)
+        self._refused[name] = why
         self.get_logger().warning(f"{name} is not recorded: {why}")
+
+    def _health(self) -> Sequence[Health]:
+        """Say what is recorded, and whose reports come in: a bag lacks what a node said before it was discovered."""
+        counts = self._log.counts()
+        values = {"messages": str(counts.messages), "topics": str(len(counts.by_topic))}
+        text = f"recording into {self.path}"
+        if self._refused:
+            text += "; not recorded: " + "; ".join(f"{name}: {why}" for name, why in self._refused.items())
+        level = Level.WARN if self._refused else Level.OK
+        return [Health("recording", level, text, values), self._liveness.health()]
+
+    def _now(self) -> Time:
+        simulated = self._times.source is TimeSource.SIMULATED and self._tick_ns is not None
+        return RosTime(nanoseconds=self._tick_ns).to_msg() if simulated else self.get_clock().now().to_msg()
+
+    def shut_down(self) -> None:
+        """Say that this node ends in order."""
+        self._diagnostics.farewell()
 
     def _offered(self, name: str, assumed: QoSProfile) -> Sequence[Qos]:
         publishers = self.get_publishers_info_by_topic(name)
@@ -226,7 +253,7 @@ class Recorder(Node):
             self._log.flush()
 
     def _take_clock(self, name: str, _is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001
-        tick_ns = _stamp_ns(data)
+        tick_ns = self._tick_ns = _stamp_ns(data)
         self.received += 1
         with self._keeping_failure():
             if self._may_switch:
@@ -238,6 +265,7 @@ class Recorder(Node):
                 self._may_switch = False
                 self._kept.clear()
             self._times.tick(Received(name, data, info.sent_ns, tick_ns))
+        self._diagnostics.at(tick_ns / NANOSECONDS_PER_SECOND)
         if self._done.get_subscription_count() > 0:
             self._done.publish(self._answer.write(tick_ns))
 
@@ -456,7 +484,7 @@ def record(path: Path, namespace: str, clock: str) -> BagCounts:
         say(f"recording namespace {namespace} into {path}; Ctrl-C ends")
         return node
 
-    run(make_node, [], loop=spin_and_close)
+    run(make_node, [], loop=spin_and_close, shut_down=Recorder.shut_down)
     counts = nodes[0].counts()
     say(f"{counts.messages} messages of {len(counts.by_topic)} topics are in {path}")
     return counts

@@ -6,6 +6,7 @@ before its controller receives the IMU. So it starts paused, and goes on when ev
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from dataclasses import dataclass
@@ -44,6 +45,7 @@ from jammkle_bringup.graph_options import (
 from jammkle_common.command.errors import GraphError, Interrupted
 from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.diagnostics import LIVENESS_LINE, reporting
 from jammkle_common.messages import LOCKSTEP_LINE
 from jammkle_common.names import (
     ACTUATOR_STATES,
@@ -57,6 +59,7 @@ from jammkle_common.names import (
     JAM_COMMAND,
     PRESSURES,
     PUMP_DUTY,
+    RECORDER_NODE,
     SET_PAUSED,
     SIM_NODE,
     SOLENOIDS,
@@ -114,7 +117,7 @@ def child_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
         source = "sim" if options.hardware == SIM_HARDWARE else "system"
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(options.bag))
         command = (*command, "--namespace", options.namespace, "--clock", source)
-        specs.append(ChildSpec(RECORDER, command, _RECORDER_STOP_TIMEOUT_S))
+        specs.append(ChildSpec(RECORDER_NODE, command, _RECORDER_STOP_TIMEOUT_S))
     files = tuple(str(file.absolute()) for file in options.parameter_files)
     for entry in options.nodes:
         values = values_of(options.values, entry)
@@ -186,7 +189,7 @@ def steering(options: GraphOptions, members: Collection[str]) -> set[str]:
     """Return those of a graph's processes that its simulation waits for; none where nothing is simulated in step."""
     if SIM_NODE not in members or given_value(options, SIM_NODE, "lockstep") is False:
         return set()
-    return {member for member in members if member.rpartition("/")[2] in (DRIVER_NODE, CONTROLLER_NODE, RECORDER)}
+    return {member for member in members if member.rpartition("/")[2] in (DRIVER_NODE, CONTROLLER_NODE, RECORDER_NODE)}
 
 
 def paused_specs(options: GraphOptions) -> tuple[ChildSpec, ...]:
@@ -247,8 +250,6 @@ def pass_on(name: str, line: str) -> None:
     sys.stderr.write(f"[{name}] {line}\n")
 
 
-RECORDER = "recorder"
-
 READY_TIMEOUT_S = 300.0
 """Until all nodes are there, s of real time: who dies is noticed at once, so only one that hangs takes so long. Chosen:
 a start takes 3 s, but was seen to take over 30 s where eleven processes wanted two slow cores."""
@@ -267,13 +268,13 @@ _JOIN_TRIES = 5
 """On a busy machine an answer takes a second or more; the last try counts, however late it is."""
 
 _CONNECTIONS = (
-    (IMU.name, SIM_NODE, (CONTROLLER_NODE, RECORDER)),
-    (CONTACT_EVENTS.name, CONTROLLER_NODE, (RECORDER,)),
-    (JAM_COMMAND.name, CONTROLLER_NODE, (DRIVER_NODE, RECORDER)),
-    (PUMP_DUTY.name, DRIVER_NODE, (SIM_NODE, RECORDER)),
-    (ACTUATOR_STATES.name, SIM_NODE, (DRIVER_NODE, RECORDER)),
-    *((SOLENOIDS[channel].name, DRIVER_NODE, (SIM_NODE, RECORDER)) for channel in CHANNELS),
-    *((PRESSURES[channel].name, SIM_NODE, (DRIVER_NODE, RECORDER)) for channel in CHANNELS),
+    (IMU.name, SIM_NODE, (CONTROLLER_NODE, RECORDER_NODE)),
+    (CONTACT_EVENTS.name, CONTROLLER_NODE, (RECORDER_NODE,)),
+    (JAM_COMMAND.name, CONTROLLER_NODE, (DRIVER_NODE, RECORDER_NODE)),
+    (PUMP_DUTY.name, DRIVER_NODE, (SIM_NODE, RECORDER_NODE)),
+    (ACTUATOR_STATES.name, SIM_NODE, (DRIVER_NODE, RECORDER_NODE)),
+    *((SOLENOIDS[channel].name, DRIVER_NODE, (SIM_NODE, RECORDER_NODE)) for channel in CHANNELS),
+    *((PRESSURES[channel].name, SIM_NODE, (DRIVER_NODE, RECORDER_NODE)) for channel in CHANNELS),
 )
 """What a landing needs: topic, who publishes it, who listens to it."""
 
@@ -326,20 +327,37 @@ class Startup:
             self._fail(f"not ready after {READY_TIMEOUT_S:g} s, missing: {missing()}")
 
     def wait_until_in_step(self, members: Collection[str]) -> None:
-        """Wait until the simulation knows these nodes as those that it waits for, so that all see its first step."""
+        """Wait until the simulation knows these nodes as those that it waits for, and those of each ankle one another.
+
+        DDS finds nodes by pairs: of two whom the simulation has found, one may find the other 3 s later
+        (`graph_client`), and misses what it publishes until then.
+        """
         in_step: set[str] = set()
-        line = f"{resolved(self.client.namespace, SIM_NODE)}{LOCKSTEP_LINE}"
+        acquainted: set[frozenset[str]] = set()
+        namespace = self.client.namespace
+        line = f"{resolved(namespace, SIM_NODE)}{LOCKSTEP_LINE}"
 
         def take(array: DiagnosticArray) -> None:
             for status in array.status:
                 if status.name == line:
                     in_step.update(value.key for value in status.values)
+                elif status.name.endswith(LIVENESS_LINE):
+                    node = status.name.removesuffix(LIVENESS_LINE)
+                    values = {value.key: value.value for value in status.values}
+                    acquainted.update(frozenset((node, other)) for other in reporting(status.name, values))
 
         self.client.subscribe(DiagnosticArray, DIAGNOSTICS, take, subscriber_qos(DIAGNOSTICS))
-        wanted = {resolved(self.client.namespace, member) for member in members}
+        wanted = {resolved(namespace, member) for member in members}
+        recorder = resolved(namespace, RECORDER_NODE)
+        pairs = {
+            frozenset((one, other))
+            for one, other in itertools.combinations(sorted(wanted), 2)
+            if recorder in (one, other) or one.rpartition("/")[0] == other.rpartition("/")[0]
+        }
 
         def missing() -> str:
-            return ", ".join(sorted(wanted - in_step))
+            apart = [" and ".join(sorted(pair)) for pair in pairs - acquainted]
+            return ", ".join([*sorted(wanted - in_step), *(f"{each} to find each other" for each in sorted(apart))])
 
         if not self._wait_for(missing):
             self._fail(f"not in step with the simulation after {READY_TIMEOUT_S:g} s: {missing()}")
@@ -430,7 +448,7 @@ def _missing(client: GraphClient, members: Collection[str], ankles: Sequence[str
         for topic, publisher, subscribers in _CONNECTIONS:
             # the recorder and a simulation of several ankles are not in the namespace of one of them
             source, *listeners = (
-                name if name in (SIM_NODE, RECORDER) else below(ankle, name) for name in (publisher, *subscribers)
+                name if name in (SIM_NODE, RECORDER_NODE) else below(ankle, name) for name in (publisher, *subscribers)
             )
             if source not in members:
                 continue

@@ -27,6 +27,7 @@ COMMANDS = (
 LONG = "x" * 300
 
 PARAMETERS = {
+    "no_path.yaml": 'library: "a\\0b"\n',
     "typing_error.yaml": "driver:\n  ros__parameters:\n    max_vacum_pa: 1.0\n",
     "unknown_node.yaml": "/**/drvier:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n",
     "elsewhere.yaml": "/rf_ankle/driver:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n",
@@ -37,6 +38,8 @@ PARAMETERS = {
     "number.yaml": "/**/sim:\n  ros__parameters: 5\n",
     "no_divisor.yaml": "/**/sim:\n  ros__parameters:\n    imu_rate_hz: 300\n",
     "small_limit.yaml": "/**/driver:\n  ros__parameters:\n    max_vacuum_pa: 20000.0\n",
+    "odd_step.yaml": "timestep_s: 0.0007\n",
+    "wedge.yaml": "edge_friction: 0.8\n",
 }
 
 
@@ -117,7 +120,8 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("export {folder}/none -o {folder}/out", ("none", "does not exist")),
         ("export {folder}/none -o {folder}", ("{folder}", "exists")),
         ("export {folder}/none -o {folder}/out --csv --parquet", ("--csv", "--parquet", "one of them")),
-        ("export {folder}/none -o {folder}/out --rate-hz 0", ("--rate-hz 0", "above 0")),
+        ("export {folder}/none -o {folder}/out --rate-hz 0", ("--rate-hz 0", "1e-06 to 10000 Hz")),
+        ("export {folder}/none -o {folder}/out --rate-hz 1e-308", ("--rate-hz 1e-308", "1e-06 to 10000 Hz")),
         ("plot {folder}/none -o {folder}/out", ("none", "does not exist")),
         ("rig sled -o {folder}/bag", ("sled",)),
         ("rig tensile", ("--output", "--save-mjcf")),
@@ -134,15 +138,22 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("rig tensile -o {folder}/bag --foot jammed", ("--foot",)),
         ("rig tensile -o {folder}/bag --repeats 0", ("--repeats", "0", "1 to 1000")),
         ("rig tensile -o {folder}/bag --seed -1", ("--seed", "-1")),
-        ("rig tensile -o {folder}/bag --timestep-s 0.0007", ("--timestep-s", "0.0007", "divide")),
+        (
+            "rig tensile -o {folder}/bag --params {folder}/odd_step.yaml",
+            ("odd_step.yaml: timestep_s", "0.0007", "divide"),
+        ),
         ("rig tensile -o {folder}/bag --json {folder}/no/where.json", ("where.json", "no folder")),
         ("rig drop -o {folder}/bag --foot clown", ("--foot", "clown", "squash_ball")),
         ("rig drop --save-mjcf {folder}/no/drop.xml", ("--save-mjcf", "drop.xml", "no folder")),
         (
-            "rig slip -o {folder}/bag --foot rigid_ankle --edge-friction 0.8",
-            ("--edge-friction is 0.8", "wedges", "--edge-friction of 0.31"),
+            "rig slip -o {folder}/bag --foot rigid_ankle --params {folder}/wedge.yaml",
+            ("wedge.yaml: edge_friction is 0.8", "wedges", "give edge_friction of 0.31"),
         ),
         ("rig slip -o {folder}/bag --namespace 1st", ("1st", "lf_ankle")),
+        ("rig drop -o {folder}/bag --effects {folder}/no_path.yaml", ("no_path.yaml", "embedded null byte")),
+        ("hardware check --port tcp://[::1", ("tcp://[::1", "tcp://HOST:PORT")),
+        ("exercise cycle -o {folder}/text.yaml/out", ("folder {folder}/text.yaml", "cannot be made")),
+        ("gap session {folder}/text.yaml", ("folder {folder}/text.yaml", "cannot be made")),
         ("dance", ("dance",)),
         ("jam --fast", ("--fast",)),
     ],
@@ -169,6 +180,16 @@ def test_bad_input_gets_one_line_and_two(
     for word in words:
         assert word.format(folder=tmp_path) in captured.err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("target", "code"), [("> /dev/full", 1), (">&-", 0), ("2>&-", 0)])
+def test_a_stream_that_takes_nothing_is_no_traceback(target: str, code: int) -> None:
+    """A full disk behind stdout is one line; a stream that the shell has closed is written to by nobody."""
+    command = f'"{sys.executable}" -m jammkle_common.command --version {target}'
+    done = subprocess.run(["/bin/sh", "-c", command], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    lines = done.stderr.splitlines()
+    assert lines == [] if code == 0 else ["No space left on device" in line for line in lines] == [True]
 
 
 def test_a_client_without_a_graph_says_so(

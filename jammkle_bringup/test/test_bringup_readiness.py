@@ -7,12 +7,15 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from jammkle_bringup import up
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import GraphClient
 from jammkle_bringup.up import Startup
 from jammkle_common.command.errors import GraphError, Interrupted
+from jammkle_common.diagnostics import LIVENESS_LINE, SILENT_FOR
+from jammkle_common.messages import LOCKSTEP_LINE
 from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, IMU, SIM_NODE
 
 if TYPE_CHECKING:
@@ -65,3 +68,64 @@ def test_a_request_to_stop_ends_the_wait() -> None:
     end_s = time.monotonic() + 0.3
     with pytest.raises(Interrupted):
         wait(SLEEPING, lambda: time.monotonic() > end_s)
+
+
+class Reports:
+    """A client that receives one report in each round of a wait, and a supervisor under whom nobody dies."""
+
+    namespace = "/"
+
+    def __init__(self, *reports: DiagnosticStatus) -> None:
+        self.left = list(reports)
+        self.take: Callable[[DiagnosticArray], None] = lambda _: None
+
+    def subscribe(self, _kind: object, _topic: object, take: Callable[[DiagnosticArray], None], _qos: object) -> None:
+        self.take = take
+
+    def wait_until(self, predicate: Callable[[], bool], _timeout_s: float) -> bool:
+        while not predicate():
+            if not self.left:
+                return False
+            self.take(DiagnosticArray(status=[self.left.pop(0)]))
+        return True
+
+    def first_death(self) -> None:
+        return None
+
+
+def nodes_line(node: str, *received: str) -> DiagnosticStatus:
+    """Return the report of a node that receives those of some others."""
+    return DiagnosticStatus(
+        name=f"{node}{LIVENESS_LINE}", values=[KeyValue(key=f"{each}{SILENT_FOR}", value="0.1") for each in received]
+    )
+
+
+IN_STEP = ("/driver", "/controller", "/recorder")
+ALL_ANSWER = DiagnosticStatus(name=f"/sim{LOCKSTEP_LINE}", values=[KeyValue(key=name) for name in IN_STEP])
+
+
+def test_time_begins_once_all_know_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That the simulation knows them is not enough: who has not found the recorder yet is not in the bag."""
+    monkeypatch.setattr(up, "READY_TIMEOUT_S", 1.0)
+    members = [name.removeprefix("/") for name in IN_STEP]
+    first = (ALL_ANSWER, nodes_line("/recorder", "driver", "sim"), nodes_line("/driver", "sim", "controller"))
+    short = Reports(*first)
+    with pytest.raises(GraphError, match=r"after 1 s: /controller and /recorder to find each other$"):
+        Startup(short, short).wait_until_in_step(members)  # type: ignore[arg-type]
+    whole = Reports(*first, nodes_line("/controller", "recorder"), nodes_line("/controller"))
+    Startup(whole, whole).wait_until_in_step(members)  # type: ignore[arg-type]
+    assert len(whole.left) == 1
+
+
+def test_ankles_of_a_robot_need_not_know_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each knows its own nodes and the recorder, by names relative to the namespace that they stand in."""
+    monkeypatch.setattr(up, "READY_TIMEOUT_S", 1.0)
+    members = ["recorder", *(f"{ankle}/{node}" for ankle in ("lf", "rf") for node in (DRIVER_NODE, CONTROLLER_NODE))]
+    ready = Reports(
+        DiagnosticStatus(name=f"/sim{LOCKSTEP_LINE}", values=[KeyValue(key=f"/{name}") for name in members]),
+        nodes_line("/recorder", *members[1:]),
+        nodes_line("/lf/driver", "controller", "/sim"),
+        nodes_line("/rf/controller", "driver", "/sim"),
+    )
+    Startup(ready, ready).wait_until_in_step(members)  # type: ignore[arg-type]
+    assert not ready.left

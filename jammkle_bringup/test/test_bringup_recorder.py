@@ -15,6 +15,7 @@ import pytest
 import rclpy
 import yaml
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -28,7 +29,7 @@ from jammkle_bringup.recorder import Recorder
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
-from jammkle_common.qos import publisher_qos
+from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.testing import wait_until
 from jammkle_msgs.msg import ChannelJamState, JamState
 
@@ -286,6 +287,7 @@ def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
     recording.end()
     with AnyReader([recording.bag]) as reader:
         found = [(connection.topic, bytes(data)) for connection, _, data in reader.messages()]
+    found = [each for each in found if each[0] != names.DIAGNOSTICS.name]  # the recorder's own reports
     # the last bytes are padding, which nobody sets
     size = 5
     assert [(topic, data[:size]) for topic, data in found] == [
@@ -331,8 +333,10 @@ def test_a_killed_recorder_leaves_what_came_until_a_moment_before(node: Node, re
     wait_until(lambda: words[-1].encode() in file.read_bytes(), "it is flushed without another message")
     recording.process.kill()
     recording.process.wait(TIMEOUT_S)
-    assert recover(recording.bag, lambda _: None).messages == len(words)
-    assert [message.data for _, _, message in recording.messages()] == words
+    recovered = recover(recording.bag, lambda _: None).messages
+    found = recording.messages()
+    assert recovered == len(found)
+    assert [message.data for topic, _, message in found if topic == "/chatter"] == words
 
 
 def test_hidden_topics_are_left_out_without_a_word(node: Node, record: Callable[..., Recording]) -> None:
@@ -346,7 +350,7 @@ def test_hidden_topics_are_left_out_without_a_word(node: Node, record: Callable[
     reached(publisher)
     recording.end()
     node.destroy_publisher(hidden)
-    assert {topic for topic, _, _ in recording.messages()} == {"/chatter"}
+    assert {topic for topic, _, _ in recording.messages()} - {names.DIAGNOSTICS.name} == {"/chatter"}
     assert not [line for line in recording.said() if "not recorded" in line]
 
 
@@ -387,3 +391,26 @@ def test_a_publisher_whose_node_is_not_known_yet_decides_nothing() -> None:
     graph.update({"/clock": [sim], "/duty": [driver], "/imu": [sim]})
     assert not recorder._is_of_clock_maker("/duty")
     assert recorder._is_of_clock_maker("/imu")
+
+
+def test_a_recorder_reports_where_it_records_and_what_it_cannot(node: Node, record: Callable[..., Recording]) -> None:
+    """On /diagnostics while it runs, as a warning where a topic has two types; and that it ends, once it does."""
+    reports: dict[str, DiagnosticStatus] = {}
+
+    def take(array: DiagnosticArray) -> None:
+        reports.update({status.name: status for status in array.status})
+
+    node.create_subscription(DiagnosticArray, names.DIAGNOSTICS.name, take, subscriber_qos(names.DIAGNOSTICS))
+    recording = record("--clock", "system")
+
+    def reported(line: str, words: str) -> bool:
+        node.executor.spin_once(timeout_sec=0.05)
+        return line in reports and words in reports[line].message
+
+    wait_until(lambda: reported("/recorder: recording", f"recording into {recording.bag}"), "it reports")
+    assert reports["/recorder: recording"].level == DiagnosticStatus.OK
+    node.create_publisher(String, "jam_state", 1)
+    wait_until(lambda: reported("/recorder: recording", "/jam_state: it has several types"), "it says what it lacks")
+    assert reports["/recorder: recording"].level == DiagnosticStatus.WARN
+    recording.end()
+    wait_until(lambda: reported("/recorder: stopped", "in order"), "it says that it ends")

@@ -221,7 +221,7 @@ def test_what_cannot_be_recovered_is_refused(torn: Path, tmp_path: Path, capsys:
     refused = {
         "none": "does not exist",
         "empty": "no file *.mcap",
-        "text.mcap": "no MCAP file",
+        "text.mcap": "no file of it begins as MCAP or SQLite does",
         "running": "being recorded",
         "dead": f"damaged at byte {begin}",
     }
@@ -230,6 +230,11 @@ def test_what_cannot_be_recovered_is_refused(torn: Path, tmp_path: Path, capsys:
         assert main(["recover", str(tmp_path / name)]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert said in line
+    for output, said in ((tmp_path / "new", "is damaged"), (tmp_path / "text.mcap" / "new", "--output")):
+        assert main(["recover", str(torn), "-o", str(output)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+        assert not output.exists()
     assert (torn / "torn.mcap").read_bytes() == before
     assert main(["info", str(tmp_path / "running")]) == 2
     assert "still being recorded" in capsys.readouterr().err

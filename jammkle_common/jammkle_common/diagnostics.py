@@ -18,11 +18,18 @@ from rclpy.serialization import deserialize_message
 
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.messages import Health, Level, diagnostic_array
-from jammkle_common.names import CONTROLLER_NODE, DIAGNOSTICS, DRIVER_NODE, GAP_MONITOR_NODE, SIM_NODE
+from jammkle_common.names import (
+    CONTROLLER_NODE,
+    DIAGNOSTICS,
+    DRIVER_NODE,
+    GAP_MONITOR_NODE,
+    RECORDER_NODE,
+    SIM_NODE,
+)
 from jammkle_common.qos import publisher_qos, subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from builtin_interfaces.msg import Time
     from rclpy.node import Node
@@ -83,7 +90,7 @@ class DiagnosticsPublisher:
             self._send(health)
 
     def at(self, time_s: float) -> None:
-        """Publish once in each second of a time that the node makes itself."""
+        """Publish once in each second of a time that the node makes itself, or that it follows by its ticks."""
         if not self._due_s - PERIOD_S <= time_s < self._due_s:
             self._due_s = (time_s // PERIOD_S + 1.0) * PERIOD_S
             self.publish()
@@ -133,8 +140,25 @@ MEANING = {
     CONTROLLER_NODE: "nobody decides on jamming; the driver lets go of what jam_command jammed after command_timeout_s",
     SIM_NODE: "there is no ankle any more; pressures and IMU are silent, and simulated time stands still",
     GAP_MONITOR_NODE: "nobody compares the robot with its simulator; the ankle is not affected",
+    RECORDER_NODE: "nothing is recorded any more; the ankle is not affected",
 }
 """What the death of each node means for the ankle."""
+
+_ONLOOKERS = {GAP_MONITOR_NODE, RECORDER_NODE}
+"""Nodes without which the ankle does all that it did."""
+
+
+def reporting(line: str, values: Mapping[str, str]) -> dict[str, float]:
+    """Return whose reports a node receives, by full name, with how long each has been silent, s.
+
+    Args:
+        line: Full name of its line `nodes`.
+        values: What that line lists.
+
+    """
+    place = line.rpartition("/")[0]
+    nodes = {key.removesuffix(SILENT_FOR): float(silent_s) for key, silent_s in values.items() if SILENT_FOR in key}
+    return {node if node.startswith("/") else f"{place}/{node}": silent_s for node, silent_s in nodes.items()}
 
 
 class Liveness:
@@ -144,12 +168,15 @@ class Liveness:
     each of its ankles in its report (`/sim: lf_ankle tendons`).
     """
 
-    def __init__(self, node: Node, ankles: Collection[str] = (), now_s: Callable[[], float] | None = None) -> None:
+    def __init__(
+        self, node: Node, ankles: Collection[str] | None = (), now_s: Callable[[], float] | None = None
+    ) -> None:
         """Listen for a node.
 
         Args:
             node: Whose line it is.
-            ankles: Namespaces below the node's own of the ankles that it simulates; none: its own is the only one.
+            ankles: Namespaces below the node's own of the ankles that it simulates; none: its own is the only one;
+                None: all that there are.
             now_s: The time that the node lives in, s; None: it knows that itself, or it is the steady clock.
 
         """
@@ -158,7 +185,7 @@ class Liveness:
         namespace = node.get_namespace().rstrip("/")
         self._prefix = f"{namespace}/"
         self._own = node.get_name()
-        self._ankles = frozenset(ankles)
+        self._ankles = None if ankles is None else frozenset(ankles)
         above, _, ankle = namespace.rpartition("/")
         self._robot_sim = f"{above}/{SIM_NODE}" if ankle and self._own != SIM_NODE else ""
         self._of_this_ankle = f"{self._robot_sim}: {ankle} "
@@ -189,7 +216,7 @@ class Liveness:
             return Health(about, Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
         kinds = {name: name.rpartition("/")[2] for name in missed}
         texts = [f"{name} is dead or hangs: {MEANING.get(kind, 'not one of ours')}" for name, kind in kinds.items()]
-        level = Level.WARN if set(kinds.values()) <= {GAP_MONITOR_NODE} else Level.ERROR
+        level = Level.WARN if set(kinds.values()) <= _ONLOOKERS else Level.ERROR
         return Health(about, level, "; ".join(texts), values)
 
     def _take_bytes(self, serialized: bytes) -> None:
@@ -216,4 +243,5 @@ class Liveness:
             return ""
         name = node.removeprefix(self._prefix)
         place = name.rpartition("/")[0]
-        return name if name != self._own and (not place or place in self._ankles) else ""
+        known = not place or self._ankles is None or place in self._ankles
+        return name if known and name != self._own else ""

@@ -12,8 +12,10 @@ and JSON stay in SI.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
+import reprlib
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, cast
@@ -29,6 +31,27 @@ _METADATA_KEY = "jammkle_parameter"
 _RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _RCLPY_PREFIX = "qos_overrides."
 _TYPE_TEXT: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+
+def shortened(value: object) -> str:
+    """Return a value as Python writes it, without its middle where it is long: lists, texts, whole numbers."""
+    try:
+        return _SHORT.repr(value)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return f"{type(value).__name__} with a number of too many digits"
+
+
+def is_number(text: str) -> bool:
+    """Return whether a text would be a number without its quotes."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 class ParameterError(ValueError):
@@ -58,9 +81,12 @@ class ParameterError(ValueError):
 
     def text(self, name: str, scale: Callable[[float], float], unit: str) -> str:
         """Return the line for a parameter that is called otherwise, with its numbers in another unit."""
-        problem, given = self.problem, repr(self.value)
+        problem, given = self.problem, shortened(self.value)
+        if isinstance(self.value, str) and is_number(self.value):
+            given = f"{given}, a text"
         if isinstance(self.value, (int, float)) and not isinstance(self.value, bool):
-            given = f"{scale(self.value):g}"
+            with contextlib.suppress(OverflowError):  # a whole number beyond all floats stays as it is written
+                given = f"{scale(self.value):g}"
         if self.limits is not None:
             problem = f"it must be {_range_text(*map(scale, self.limits))} {unit}".rstrip()
         return f"{name} is {given}; {problem}"
@@ -87,6 +113,8 @@ class ParameterRow:
     maximum: float | None
     choices: tuple[str, ...]
     dynamic: bool
+    flag: bool = True
+    """Whether `jammkle rig` and `robot` have an option for it; if not, it is set in a file (`--params`) alone."""
 
     @property
     def range_text(self) -> str:
@@ -104,20 +132,22 @@ class ParameterRow:
             ParameterError: wrong type, NaN, out of range, or not one of the choices.
 
         """
-        kind = type(self.default)
+        kind, given = type(self.default), value
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+            value = float(Decimal(value))  # infinite where it is beyond all floats
         problem, limits = "", None
-        if type(value) is not kind:
-            problem = f"it must be {_TYPE_TEXT[kind]}"
-        elif isinstance(value, float) and not math.isfinite(value):
-            problem = "it must be a finite number"
-        elif self.choices and value not in self.choices:
+        if self.choices and value not in self.choices:
             problem = f"it must be one of {self.range_text}"
+        elif type(value) is not kind:
+            problem = f"it must be {_TYPE_TEXT[kind]}"
+        elif isinstance(given, float) and not math.isfinite(given):
+            problem = "it must be a finite number"
         elif isinstance(value, (int, float)) and self.minimum is not None and self.maximum is not None:
             limits = None if self.minimum <= value <= self.maximum else (self.minimum, self.maximum)
+        elif isinstance(value, float) and not math.isfinite(value):
+            problem = "it must be a smaller number"
         if problem or limits:
-            raise ParameterError(problem, self.name, value, limits=limits, unit=self.unit)
+            raise ParameterError(problem, self.name, given, limits=limits, unit=self.unit)
         return cast("Value", value)
 
 
@@ -134,6 +164,7 @@ def parameter(
     *,
     choices: Sequence[str] = (),
     dynamic: bool = False,
+    flag: bool = True,
 ) -> Any:
     """Make a dataclass field that is a parameter.
 
@@ -145,9 +176,10 @@ def parameter(
         maximum: Largest value allowed, inclusive.
         choices: For text: the values allowed.
         dynamic: True if it may be changed while the node runs; else it is read-only.
+        flag: False if it is set so rarely that `jammkle rig` and `robot` take it from a file (`--params`) alone.
 
     """
-    row = ParameterRow("", default, description, unit, minimum, maximum, tuple(choices), dynamic)
+    row = ParameterRow("", default, description, unit, minimum, maximum, tuple(choices), dynamic, flag)
     return dataclasses.field(default=default, metadata={_METADATA_KEY: row})
 
 
@@ -398,4 +430,4 @@ def _renamed(parameter: str, unit: TypedUnit) -> str:
 
 def _scaled(value: float, exponent: int) -> float:
     """Return a value times a power of ten, as its digits say: 0.55 mm are the number that 0.00055 m is written as."""
-    return float(Decimal(repr(float(value))).scaleb(exponent))
+    return float((Decimal(value) if isinstance(value, int) else Decimal(repr(float(value)))).scaleb(exponent))

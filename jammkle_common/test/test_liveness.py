@@ -8,7 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 
-from jammkle_common.diagnostics import FAREWELL, Liveness
+from jammkle_common.diagnostics import FAREWELL, Liveness, reporting
 from jammkle_common.messages import Level
 
 
@@ -34,7 +34,7 @@ class FakeNode:
 class Listener:
     """Liveness with a clock of its own."""
 
-    def __init__(self, namespace: str, name: str = "driver", ankles: tuple[str, ...] = ()) -> None:
+    def __init__(self, namespace: str, name: str = "driver", ankles: tuple[str, ...] | None = ()) -> None:
         self.now_s = 100.0
         self.node = FakeNode(namespace, name)
         self.liveness = Liveness(self.node, ankles, lambda: self.now_s)
@@ -92,6 +92,18 @@ def test_a_simulation_misses_the_nodes_of_its_ankles() -> None:
     assert health.message.startswith("lf_ankle/driver is dead or hangs: nobody drives pump and solenoids")
     assert "rf_ankle" not in health.message
     assert "real_ankle" not in "".join(health.values)
+
+
+def test_a_recorder_knows_every_ankle_and_is_missed_with_a_warning() -> None:
+    """It records all of a namespace; without it the ankle does all that it did."""
+    recorder = Listener("/", "recorder", None)
+    recorder.receive("/lf_ankle/driver: link", "/sim: rig")
+    assert set(reporting("/recorder: nodes", recorder.wait(1).values)) == {"/lf_ankle/driver", "/sim"}
+    listener = Listener("/")
+    listener.receive("/recorder: recording")
+    health = listener.wait(4)
+    assert health.level is Level.WARN
+    assert health.message.startswith("recorder is dead or hangs: nothing is recorded any more")
 
 
 def test_who_says_farewell_is_not_missed() -> None:

@@ -169,8 +169,12 @@ def read_table(path: Path, layout: TableFormat) -> Recording:
     if len(layout.force) != _AXES or len(layout.rate) not in (0, _AXES):
         msg = f"columns of {path}: {len(layout.force)} of force and {len(layout.rate)} of rate; it must be 3 and 3 or 0"
         raise InputError(msg)
-    if not layout.time and layout.rate_hz <= 0.0:
+    if not layout.time and not layout.rate_hz:
         msg = f"{path} has no column of time (--time): give the rate of its rows with --rate-hz"
+        raise InputError(msg)
+    least_hz, most_hz = _RATES_HZ
+    if not layout.time and not least_hz <= layout.rate_hz <= most_hz:
+        msg = f"--rate-hz {layout.rate_hz:g} must be {least_hz:g} to {most_hz:g} Hz"
         raise InputError(msg)
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -205,14 +209,19 @@ def _table(
             p, q, r = (rate_scale * float(row[index]) for index in rate) if rate else (0.0, 0.0, 0.0)
             if layout.reference:
                 reference.append((at_ns, float(row[beside])))
-        except (ValueError, IndexError) as error:
-            msg = f"{path}, row {number + 1}: {error}; columns are chosen with --force, --rate, --time"
+        except (ValueError, IndexError, OverflowError) as error:
+            what = f"it has {len(row)} columns" if isinstance(error, IndexError) else error
+            msg = f"{path}, row {number + 1}: {what}; columns are chosen with --force, --rate, --time, --contact-force"
             raise InputError(msg) from error
         received.append(Received(at_ns, ImuSample(at_ns, x, y, z, p, q, r)))
     if not received:
         msg = f"{path} holds no rows"
         raise InputError(msg)
     return Recording(name_of(path), received, reference=reference)
+
+
+_RATES_HZ = (0.1, 1e6)
+"""Of the rows of a table: an IMU gives more than one in ten seconds, and fewer than a million a second."""
 
 
 def _scale(units: dict[str, float], unit: str, option: str) -> float:

@@ -221,6 +221,24 @@ def test_a_sensor_that_repeats_itself_in_vacuum_is_stuck_though_nothing_moves() 
     assert bench.reported() == (Reason.SENSOR_STUCK, "achilles")
 
 
+@pytest.mark.parametrize(("seed", "before_s"), [(0, 0.1), (3, 0.2), (6, 0.2)])
+def test_a_coarse_sensor_that_sticks_just_before_the_release_is_no_blocked_line(seed: int, before_s: float) -> None:
+    """Its runs of equal readings are long at the best of times, so that a line which lets nothing through leads."""
+
+    def coarse(declared: AirSettings, draw: random.Random, number: int) -> FakePlant:
+        return FakePlant(built(declared, draw), STANDARD_ATMOSPHERE_PA, SensorErrors(step_pa=98.0), number)
+
+    bench = FaultBench(DriverParameters(), seed, coarse)
+    run(bench, 1.5)
+    bench.driver.jam((), SET_POINT_PA, "test")
+    run(bench, 2.3)
+    bench.plant.inject(FakeFault.SENSOR_STUCK, "peroneal_right")
+    run(bench, before_s)
+    bench.driver.unjam((), "test")
+    run(bench, 1.5)
+    assert bench.reported() == (Reason.SENSOR_STUCK, "peroneal_right")
+
+
 @pytest.mark.parametrize("flow_share", [0.65, 1.0])
 def test_a_valve_that_stays_closed_is_no_stuck_sensor(flow_share: float) -> None:
     """A pump of less flow draws two channels as a declared one draws three; but the vented sensor is still noisy."""

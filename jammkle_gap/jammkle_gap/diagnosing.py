@@ -121,11 +121,7 @@ def _check(request: DiagnoseRequest) -> None:
             known = "as a reference too" if place >= len(request.bags) else "twice"
             msg = f"bag {bag.name} is given {known}; a repeat and a reference must be runs of their own"
             raise InputError(msg)
-    try:
-        request.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"folder {request.folder} cannot be made: {error.strerror}"
-        raise InputError(msg) from error
+    results.make_folder(request.folder)
     results.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         results.check_writable(request.folder / name, "--output")

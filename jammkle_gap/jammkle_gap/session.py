@@ -17,7 +17,7 @@ import typer
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command import EXERCISE, provided
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
-from jammkle_common.command.results import say
+from jammkle_common.command.results import make_folder, say
 from jammkle_gap.ankle.problem import plans
 from jammkle_gap.diagnosing import DiagnoseRequest, diagnose
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -66,7 +66,7 @@ def session(request: SessionRequest) -> Diagnosis:
         raise InputError(msg)
     record: _Record = provided(EXERCISE, "record", _BRINGS_EXERCISES)
     stop = StopRequest()
-    request.folder.mkdir(parents=True, exist_ok=True)
+    make_folder(request.folder)
     bags = _bags_in(request.folder)
     there = {bag.name for bag in bags}
     missing = {request.folder / name: RunSheet(name, {}) for name in EXERCISES if name not in there}

@@ -106,6 +106,8 @@ def test_an_effect_leaves_a_gap_where_it_acts(name: str, values: dict[str, float
         ("shake", {"ankle_joint_friction__coulomb_n_m": 0.02}),
         ("shake", {"imu_misalignment__roll_rad": 0.1}),
         ("shake", {"imu_delay__delay_s": 0.01}),
+        ("shake", {"joint_delay__delay_s": 0.09}),
+        ("press", {"joint_delay__delay_s": 0.09}),
         ("tilt", {"imu_offset__x_m_s2": 0.5}),
         ("press", {"jamming_friction__scale": 0.5}),
     ],
@@ -119,6 +121,16 @@ def test_the_true_effect_closes_it(name: str, values: dict[str, float]) -> None:
         if each.name.startswith(("ankle_", "imu")):
             left = (each.values - simulated[each.name]) / each.deviation
             assert np.sqrt(np.mean(left**2)) < 1.5, each.name
+
+
+def test_what_is_measured_late_drives_the_run_otherwise() -> None:
+    """Without references such effects are simulated; a late pressure changes what is read of the run alone."""
+    sensing = ankle_problem().sensing
+    assert sensing is not None
+    left = sensing.without_references().effects
+    assert {"joint_delay", "imu_delay", "sensor_delay", "clock_skew"}.isdisjoint(left)
+    assert {"joint_delay", "pressure_delay"} <= sensing.effects
+    assert "pressure_delay" in left
 
 
 def test_a_shank_that_trembles_at_rest_moves_and_its_gyro_s_zero_does_not() -> None:

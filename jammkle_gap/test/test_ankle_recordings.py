@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from command_reference import NAME, parse
 from jammkle_gap.ankle.bag import Samples
 from jammkle_gap.ankle.problem import experiments
 from jammkle_gap.ankle.recording import bag_of_run, recording_of
@@ -143,6 +144,12 @@ def test_every_plan_can_be_run(experiment: Experiment) -> None:
     assert experiment.name.split()[1] == recording.inputs.rig
     assert recording.signals
     assert all(signal.deviation > 0.0 for signal in recording.signals)
+
+
+@pytest.mark.parametrize("experiment", OFFERED, ids=lambda each: each.name)
+def test_every_plan_is_named_by_a_line_that_can_be_typed(experiment: Experiment) -> None:
+    """Options and units are those of the command."""
+    parse([NAME, *experiment.name.split(), "-o", "runs/next"])
 
 
 def test_what_is_on_offer_goes_by_the_machine() -> None:

@@ -39,7 +39,8 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_answer(
     """
     bag, whole = tmp_path / "slow", gap_diagnosing.diagnose_recordings
     rig = ["rig", "pressure", "--cycles", "2", "--jam-time-s", "0.8", "--vent-time-s", "0.4", "--channel", "achilles"]
-    assert main([*rig, "--valve-dead-time-s", "0.05", "-o", str(bag)]) == 0
+    (tmp_path / "late.yaml").write_text("valve_dead_time_s: 0.05\n", encoding="utf-8")
+    assert main([*rig, "--params", str(tmp_path / "late.yaml"), "-o", str(bag)]) == 0
     (bag / "run.yaml").write_text("options: {valve_dead_time_s: 0.01}", encoding="utf-8")
     killed: list[int] = []
 

@@ -24,6 +24,7 @@ from jammkle_gap import (
     diagnose,
     evidence_of,
 )
+from jammkle_gap.core.explain import _Search
 from jammkle_gap.core.predict import predicting
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
@@ -312,3 +313,16 @@ def test_a_signal_that_is_off_as_no_other_of_its_unit_is_named(lag_s: float, ver
     found = diagnose(runs, Problem(lines, Library(tuple(library)), accuracy=0.02), jobs=1)
     assert found.verdict is verdict
     assert [each.name for each in found.effects] == (["lag_third"] if lag_s else [])
+
+
+def test_a_half_of_a_pair_is_fitted_from_where_the_pair_has_come_to() -> None:
+    """In one step, where from the nominal machine one step leaves much: else the other half would seem to be there."""
+    runs = recorded(31, {"load.share": 0.5}, {"arm.mass": 0.85, "servo.stiffness": 1.15})
+    dear, runner = Constants(derivatives_s=0.0), Runner(EXACT, 1)
+    whole = evidence_of(runs, (), EXACT, runner, dear, None)
+    short = replace(dear, joint_evaluations=1, reweighings=1)
+    begun = evidence_of(runs, (), EXACT, runner, short, None)
+    search = _Search(whole.machine, whole.error, whole.grids, runner, short)
+    halves = {each.names: whole.error.cost(each) for each in search.halves([whole.explained.fits["load", "rubbing"]])}
+    assert set(halves) == {("load",), ("rubbing",)}
+    assert halves["load",] < 0.3 * begun.error.cost(begun.explained.fits["load",])

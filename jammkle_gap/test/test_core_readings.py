@@ -101,3 +101,22 @@ def test_an_effect_that_sensing_knows_in_part_is_simulated_for_the_rest() -> Non
 
     assert level == pytest.approx(binned(shifted + 0.2 * ANSWER), abs=0.02)
     assert other == pytest.approx(binned(1.1 * command - ANSWER), abs=0.02)
+
+
+def test_a_late_sensor_reads_what_the_machine_at_hand_does() -> None:
+    """Beside constants: a machine that goes twice as far as drawn is read late by twice as much."""
+
+    def moved(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {"level": (2.0 + values.get("further", 0.0)) * recording.inputs}
+
+    problem = Problem(moved, PROBLEM.library, sensing=Sensed("late", late))
+    runner = Runner(problem, 1)
+    settings = with_readings(settings_of([run("faulty", ANSWER, 0.05)], [], problem), problem, runner)
+    signatures = Signatures(problem, settings, {})
+    (found,) = signatures.parts({"late.by": 0.15}, {"further": 2.0}) or ()
+    level = settings[0].layout.by_signal(found)[0]
+    expected = 4.0 * np.interp(TIMES_S - 0.15, TIMES_S, ANSWER) - 2.0 * ANSWER
+    assert level == pytest.approx(expected.reshape(-1, 2).mean(axis=1)[: len(level)], abs=0.1)
+    before = signatures.made.runs
+    signatures.parts({"late.by": 0.1}, {"further": 2.0})
+    assert signatures.made.runs == before  # the same machine, read otherwise

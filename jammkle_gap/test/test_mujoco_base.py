@@ -11,10 +11,9 @@ import pytest
 import robot_arm
 
 from jammkle_gap import BadRecordingError, run_of_arrays
-from jammkle_gap.mujoco.carried import coordinates_of, state_of
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import scales_of
-from jammkle_gap.mujoco.offer import offer_of
+from jammkle_gap.mujoco.library import robot_library
+from jammkle_gap.mujoco.prescribed import coordinates_of, state_of
 from jammkle_gap.mujoco.runs import BASE_COLUMNS, BadRobotError
 from jammkle_gap.mujoco.simulator import RobotSimulator, scale_of
 from jammkle_gap.mujoco.windows import recordings_of
@@ -85,7 +84,7 @@ def test_grip_of_the_floor_shows_in_where_the_base_goes(tmp_path: Path) -> None:
     assert robot.floating
     compared, kept = recordings_of(robot, runs, 1.0, 3.0)
     assert len(kept[0].inputs.starts_s) >= 2
-    simulator = RobotSimulator(robot, offer_of(robot, scales_of(robot, compared)).changes)
+    simulator = RobotSimulator(robot, robot_library(robot, compared).changes)
 
     def left(values: dict[str, float]) -> dict[str, float]:
         return {

@@ -16,11 +16,10 @@ from jammkle_common.command.main import main
 from jammkle_gap import BadRecordingError, Verdict, diagnose_mujoco
 from jammkle_gap.mujoco import diagnosing
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import scales_of
-from jammkle_gap.mujoco.offer import offer_of
+from jammkle_gap.mujoco.library import robot_library
 from jammkle_gap.mujoco.runs import BadRobotError
 from jammkle_gap.mujoco.screening import promising
-from jammkle_gap.mujoco.simulator import RobotSimulator
+from jammkle_gap.mujoco.simulator import RobotSimulator, run
 from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -224,13 +223,13 @@ def test_screening_puts_the_truth_among_the_first(tmp_path: Path, change: robot_
     """Of all effects that the arm is offered, those of the elbow's own cause are kept, and few others."""
     runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", robot_arm.samples(5, change, 4.0))])
     compared, _ = recordings_of(robot, runs, 2.0, 4.0)
-    offer = offer_of(robot, scales_of(robot, compared))
+    offer = robot_library(robot, compared)
     kept = promising(
-        RobotSimulator(robot, offer.changes), offer, offer.library, compared, 1, lambda _what, _share: None
+        RobotSimulator(robot, offer.changes), offer, offer.effects, compared, 1, lambda _what, _share: None
     )
     names = [effect.name for effect in kept]
     assert name in names
-    assert len(names) <= 16 < len(offer.library.effects)
+    assert len(names) <= 16 < len(offer.effects.effects)
 
 
 def test_efforts_alone_are_diagnosed_backwards(tmp_path: Path) -> None:
@@ -257,6 +256,17 @@ def test_healthy_arm_needs_no_backward_change(tmp_path: Path) -> None:
         inside = slice(20, -20)
         left = float(np.sqrt(np.mean((each.values - made[each.name])[inside] ** 2)))
         assert left < 3.0 * each.noise, each.name
+
+
+def test_machine_that_runs_backward_keeps_its_friction(tmp_path: Path) -> None:
+    """A second run of the same machine takes the efforts of the first: its friction is not used up."""
+    recorded = robot_arm.run("one", robot_arm.samples(4, duration_s=2.0, smooth=True), without=("commands",))
+    runs, robot = matched(robot_arm.write_model(tmp_path), [recorded])
+    (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
+    machine = RobotSimulator(robot, {}).machine({})
+    rubbing(machine.model)
+    first, second = run(machine, compared), run(machine, compared)
+    assert np.array_equal(first["elbow/effort"], second["elbow/effort"])
 
 
 def test_efforts_that_are_currents_are_refused(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def test_ankle_moves_as_measured(model: Path) -> None:
     """Tendons that nobody commands leave the ankle to what was measured; hip and knee are compared."""
     _, robot = matched(model, [shaken()])
     assert robot.joints == JOINTS
-    assert set(robot.carried) == {"ankle_pitch", "ankle_roll", "ankle_yaw"}
+    assert set(robot.prescribed) == {"ankle_pitch", "ankle_roll", "ankle_yaw"}
     assert [each.joint for each in robot.drives] == [*JOINTS]
     assert not robot.locked  # the model itself holds the slides of the base
 

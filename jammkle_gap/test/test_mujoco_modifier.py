@@ -13,11 +13,10 @@ import robot_arm
 from jammkle_gap import BadRobotError, Modifier
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import scales_of
-from jammkle_gap.mujoco.offer import offer_of
+from jammkle_gap.mujoco.library import robot_library
+from jammkle_gap.mujoco.nonideal import TEXT_NAME
 from jammkle_gap.mujoco.runs import AXES, Sense
 from jammkle_gap.mujoco.simulator import FORWARD_FROM_S, LEAD_S, RobotSimulator, run
-from jammkle_gap.mujoco.unsaid import TEXT_NAME
 from jammkle_gap.mujoco.windows import recordings_of
 from jammkle_sim.physics.engine import mujoco
 
@@ -63,7 +62,7 @@ def arm(
     file = robot_arm.write_model(folder, actuators, wrist=True)
     runs, robot = matched(file, [robot_arm.run("one", samples)], given)
     (recording,), _ = recordings_of(robot, runs, LENGTH_S, LENGTH_S)
-    changes = offer_of(robot, scales_of(robot, [recording])).changes
+    changes = robot_library(robot, [recording]).changes
     motion = recording.inputs
     still = replace(motion, position=0.0 * motion.position, velocity=0.0 * motion.velocity, sensitivity={})
     return RobotSimulator(robot, changes), replace(recording, inputs=still)
@@ -328,7 +327,7 @@ def test_closing_reads_the_file_alone(tmp_path: Path) -> None:
     model = robot_arm.write_model(tmp_path, robot_arm.MOTORS)
     runs, robot = matched(model, [robot_arm.run("one", robot_arm.samples(1, late_s=0.04))], {"gains": GIVEN})
     compared, _ = recordings_of(robot, runs, 2.0, 20.0)
-    machine = RobotSimulator(robot, offer_of(robot, scales_of(robot, compared)).changes).machine({"delay.time": 0.04})
+    machine = RobotSimulator(robot, robot_library(robot, compared).changes).machine({"delay.time": 0.04})
     file = tmp_path / "corrected.xml"
     file.write_text(corrected_of(robot, machine, {}, tmp_path).xml)
     closing = closing_of(replace(robot, given=replace(robot.given, gains={})), file, runs, compared)

@@ -12,10 +12,10 @@ import robot_arm
 
 from jammkle_gap import BadRecordingError
 from jammkle_gap.mujoco.bags import run_of_bag
+from jammkle_gap.mujoco.changes import scale_contact_time
 from jammkle_gap.mujoco.corrected import corrected_of
 from jammkle_gap.mujoco.diagnosing import matched
-from jammkle_gap.mujoco.effects import change_give, scales_of
-from jammkle_gap.mujoco.offer import groups_of, offer_of
+from jammkle_gap.mujoco.library import groups_of, robot_library
 from jammkle_gap.mujoco.runs import (
     AXES,
     BadRobotError,
@@ -169,7 +169,7 @@ def test_efforts_beside_positions_are_fed_forward(tmp_path: Path, *, fed: bool) 
     assert left < 3.0 if fed else left > 100.0
     if fed:  # a motor that gives less gives less of what is fed forward, too
         (compared,) = cut(runs, robot)
-        simulator = RobotSimulator(robot, offer_of(robot, scales_of(robot, [compared])).changes)
+        simulator = RobotSimulator(robot, robot_library(robot, [compared]).changes)
         weak = simulator(compared, {"torque_constant_hip.scale": 0.8})["hip/position"]
         sag = float(np.mean(weak - simulator(compared, {})["hip/position"]))
         assert sag == pytest.approx(0.2 * float(-effort.mean()) / (0.8 * 40.0), rel=0.1)
@@ -221,7 +221,7 @@ def test_joint_of_a_tendon_is_offered_as_measured(tmp_path: Path, recorded: robo
     with pytest.raises(BadRobotError, match=r"if a tendon moves it write 'joints: {elbow: measured}'"):
         matched(model, [run])
     _, robot = matched(model, [run], {"joints": {"elbow": "measured"}})
-    assert robot.carried == ("elbow",)
+    assert robot.prescribed == ("elbow",)
     (tmp_path / "empty.csv").write_text("time_s,elbow.position\n")
     with pytest.raises(BadRecordingError, match=r"empty\.csv holds no samples"):
         run_of_csv(tmp_path / "empty.csv")
@@ -267,7 +267,7 @@ def test_gripper_that_nobody_commands_moves_as_measured(tmp_path: Path, recorded
     """A joint without commands is where it was measured, the others feel it, and the notes say so."""
     some = {key: values for key, values in recorded.items() if key != "command.elbow.position"}
     runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", some)])
-    assert robot.carried == ("elbow",)
+    assert robot.prescribed == ("elbow",)
     assert robot.joints == ("yaw", "shoulder")
     assert any(note.startswith("moved as measured") and "elbow" in note for note in robot.notes)
     compared = cut(runs, robot)
@@ -278,7 +278,7 @@ def test_gripper_that_nobody_commands_moves_as_measured(tmp_path: Path, recorded
     assert worst_left(robot, cut(runs, robot)) > 10.0
     given = {"joints": {"elbow": "measured"}}
     runs, robot = matched(robot_arm.write_model(tmp_path), [robot_arm.run("one", recorded)], given)
-    assert robot.carried == ("elbow",)
+    assert robot.prescribed == ("elbow",)
     assert worst_left(robot, cut(runs, robot)) < 1.5
 
 
@@ -322,7 +322,7 @@ def made(folder: Path, samples: robot_arm.Samples, search_s: float = 20.0) -> tu
     """Return a matched robot, its simulator with every effect, and what is compared of a run."""
     runs, robot = matched(robot_arm.write_model(folder), [robot_arm.run("one", samples)])
     compared, _ = recordings_of(robot, runs, 2.0, search_s)
-    offer = offer_of(robot, scales_of(robot, compared))
+    offer = robot_library(robot, compared)
     return robot, RobotSimulator(robot, offer.changes), compared
 
 
@@ -412,7 +412,7 @@ def test_gear_of_an_actuator_changes_nothing_but_its_numbers(tmp_path: Path, rec
     model = robot_arm.write_model(tmp_path, GEARED)
     model.write_text(model.read_text().replace("<actuator>", CABLE))
     _, robot = matched(model, [robot_arm.run("one", recorded)])
-    simulator = RobotSimulator(robot, offer_of(robot, scales_of(robot, [compared])).changes)
+    simulator = RobotSimulator(robot, robot_library(robot, [compared]).changes)
     without, geared = plain(compared, {}), simulator(compared, {})
     for signal in compared.signals:
         assert geared[signal.name] == pytest.approx(without[signal.name], abs=1e-6), signal.name
@@ -436,7 +436,7 @@ def test_body_sinks_deeper_into_a_floor_that_gives(solref: str) -> None:
     depths_m = []
     for scale in (1.0, 2.0):
         model = robot_arm.mujoco.MjModel.from_xml_string(BALL.replace("SOLREF", solref))
-        change_give(cast("Machine", SimpleNamespace(model=model)), [scale])
+        scale_contact_time(cast("Machine", SimpleNamespace(model=model)), [scale])
         data = robot_arm.mujoco.MjData(model)
         robot_arm.mujoco.mj_step(model, data, 2000)
         depths_m.append(0.1 - float(data.qpos[2]))
@@ -535,7 +535,7 @@ def test_errors_of_sensors_change_their_readings_alone(
         robot_arm.write_model(tmp_path, wrist=True), [robot_arm.run("one", {**recorded, **robot_arm.at_rest(recorded)})]
     )
     (compared,), _ = recordings_of(robot, runs, 2.0, 4.0)
-    offer = offer_of(robot, scales_of(robot, [compared]))
+    offer = robot_library(robot, [compared])
     simulator = RobotSimulator(robot, offer.changes)
     plain, changed = simulator(compared, {}), simulator(compared, {effect: value})
     difference = changed[signal] - plain[signal]
@@ -568,7 +568,7 @@ def test_tolerances_of_the_map_are_constants(tmp_path: Path, recorded: robot_arm
     model, run = robot_arm.write_model(tmp_path), robot_arm.run("one", recorded)
     runs, robot = matched(model, [run], {"tolerances": {"damping": 0.2, "mass": 0.1}})
     compared, _ = recordings_of(robot, runs, 2.0, 20.0)
-    offer = offer_of(robot, scales_of(robot, compared))
+    offer = robot_library(robot, compared)
     constants = {each.name: each for each in offer.constants}
     assert constants["elbow/damping"].sigma == 0.2
     assert constants["elbow/damping"].maximum == pytest.approx(1.8)

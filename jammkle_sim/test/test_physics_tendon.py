@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jammkle_sim.physics.constants import Fibre, tendon_parameters
-from jammkle_sim.physics.tendon import Tendon
+from jammkle_sim.physics.tendon import Tendon, slip_elements
 from studies.paper.tables import is_reproduced
 
 DT_S = 0.0005
@@ -17,6 +19,7 @@ MULTI, A30, A85 = Fibre.MULTI_MATERIAL, Fibre.SHORE_A30, Fibre.SHORE_A85
 vacuums_pa = st.floats(0.0, 101_325.0)
 fibres = st.sampled_from(Fibre)
 sets = st.sampled_from(["fitted", "as_printed"])
+early_slips = st.sampled_from([0.0, 0.4, 1.0])
 paths_m = st.lists(st.floats(-0.01, 0.054), min_size=2, max_size=8)
 
 
@@ -26,10 +29,16 @@ def ramp(to_m: float, speed_m_s: float = 0.005, dt_s: float = DT_S) -> np.ndarra
 
 
 def pull(
-    x_m: np.ndarray, vacuum_pa: float, fibre: Fibre = MULTI, name: str = "fitted", dt_s: float = DT_S
+    x_m: np.ndarray,
+    vacuum_pa: float,
+    fibre: Fibre = MULTI,
+    name: str = "fitted",
+    dt_s: float = DT_S,
+    early_slip: float = 0.0,
 ) -> np.ndarray:
     """Tension of a fresh tendon along extensions, at a constant vacuum."""
-    return Tendon(tendon_parameters(name, fibre), dt_s).follow(x_m, np.full(len(x_m), vacuum_pa))
+    parameters = replace(tendon_parameters(name, fibre), early_slip=early_slip)
+    return Tendon(parameters, dt_s).follow(x_m, np.full(len(x_m), vacuum_pa))
 
 
 def work_j(x_m: np.ndarray, tension_n: np.ndarray) -> np.ndarray:
@@ -129,13 +138,13 @@ def along(path_m: list[float], steps: int) -> np.ndarray:
 
 
 @settings(max_examples=60)
-@given(path_m=paths_m, vacuum_pa=vacuums_pa, steps=st.integers(20, 2000), fibre=fibres, name=sets)
+@given(path_m=paths_m, vacuum_pa=vacuums_pa, steps=st.integers(50, 2000), fibre=fibres, name=sets, early=early_slips)
 def test_gives_back_no_more_than_it_got(
-    path_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str
+    path_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str, early: float
 ) -> None:
     """Passivity: along any path at constant vacuum the work done on a fresh tendon is never negative."""
     x_m = along(path_m, steps)
-    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name))
+    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name, early_slip=early))
     assert work.min() >= -1e-6 - 1e-3 * np.abs(work).max()
 
 
@@ -146,14 +155,15 @@ def test_gives_back_no_more_than_it_got(
     steps=st.integers(50, 500),
     fibre=fibres,
     name=sets,
+    early=early_slips,
 )
 def test_every_turn_of_a_cycle_costs_work(
-    cycle_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str
+    cycle_m: list[float], vacuum_pa: float, steps: int, fibre: Fibre, name: str, early: float
 ) -> None:
     """Passivity: three turns of any cycle from slack to slack each take work, none gives any."""
     turn_m = along([*cycle_m, 0.0], steps)[1:]
     x_m = np.concatenate([[0.0], turn_m, turn_m, turn_m])
-    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name))
+    work = work_j(x_m, pull(x_m, vacuum_pa, fibre, name, early_slip=early))
     spent_j = np.diff(work[[0, len(turn_m) - 1, 2 * len(turn_m) - 1, 3 * len(turn_m) - 1]])
     assert (spent_j >= -1e-6 - 1e-3 * np.abs(work).max()).all()
 
@@ -192,6 +202,34 @@ def test_more_vacuum_never_pulls_less(low_pa: float, high_pa: float, fibre: Fibr
     low_pa, high_pa = sorted((low_pa, high_pa))
     x_m = ramp(0.020, 0.1)
     assert (pull(x_m, high_pa, fibre) >= pull(x_m, low_pa, fibre) - 1e-9).all()
+
+
+def test_fibres_that_slide_one_after_the_other_hold_sooner_and_no_more() -> None:
+    """Stiffer at once, a wider loop at a millimetre, and once all of them slide the same force."""
+    there_m = ramp(0.040, 0.1)
+    together_n, after_n = (pull(there_m, 50e3, early_slip=share) for share in (0.0, 1.0))
+    assert after_n[-1] == pytest.approx(together_n[-1], abs=1e-6)
+    first = there_m < 0.001
+    assert (after_n[first] > together_n[first]).all()
+    to_and_fro_m = np.concatenate([ramp(0.005), 0.005 + 0.001 * np.sin(np.linspace(0.0, 4.0 * np.pi, 4000))])
+    lost_j = []
+    for share in (0.0, 0.5, 1.0):
+        rubbed_n = pull(to_and_fro_m, 20e3, early_slip=share) - pull(to_and_fro_m, 0.0)
+        lost_j.append(float(np.diff(work_j(to_and_fro_m, rubbed_n)[[-2001, -1]])[0]))
+    assert lost_j[0] < 0.2 * lost_j[1] < 0.2 * lost_j[2]
+
+
+def test_elements_of_early_slip_follow_the_root() -> None:
+    """Chords of Q sqrt(x / X) lie below it, by a sixth at most from a tenth of X on; no friction, no slip."""
+    parameters = tendon_parameters("fitted")
+    two = np.array(parameters.friction_stiffness_n_m), np.array(parameters.friction_yield_n_per_pa)
+    stiffness, yields = slip_elements(*two, 1.0)
+    last = float(np.max(two[1] / two[0]))
+    extension = np.linspace(0.1, 1.0, 200) * last
+    force = np.minimum(stiffness[:, None] * extension, yields[:, None]).sum(axis=0)
+    root = two[1].sum() * np.sqrt(extension / last)
+    assert ((force <= root + 1e-12) & (force >= root * 5.0 / 6.0)).all()
+    assert not slip_elements(two[0], np.zeros(2), 1.0)[1].any()
 
 
 def test_unknown_set_is_refused_by_name() -> None:

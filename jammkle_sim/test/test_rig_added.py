@@ -27,7 +27,8 @@ def test_a_rig_of_one_file_is_there(tmp_path: Path) -> None:
     catalogue.write_text(registered.replace("landing.RIG)", "landing.RIG, hanging.RIG)"))
 
     def rig(*arguments: str) -> str:
-        environment = {**os.environ, "PYTHONPATH": str(tmp_path), "COLUMNS": "120", "TERM": "dumb"}
+        path = os.pathsep.join(filter(None, (str(tmp_path), os.environ.get("PYTHONPATH"))))
+        environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "120", "TERM": "dumb"}
         command = [sys.executable, "-c", VERB, *arguments]
         return subprocess.check_output(command, env=environment, cwd=tmp_path, text=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,13 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import main
 from jammkle_common.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
-from jammkle_common.parameters import option_name, rows
+from jammkle_common.parameters import option_name, rows, typed_row
+from jammkle_sim.commands.table import options_in
 from jammkle_sim.rigs.catalogue import RIGS
+from jammkle_sim.robots.options import RobotRunOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -244,4 +248,184 @@ def test_every_option_of_a_rig_is_one_of_the_command(rig: str, capsys: pytest.Ca
     """The help names each parameter of the rig's own table: there is no second list that could lack one."""
     assert main(["rig", rig, "--help"]) == 0
     text = capsys.readouterr().out
-    assert all(option_name(row.name) in text for row in rows(RIGS[rig].options))
+    for row in rows(RIGS[rig].options):
+        in_file = f"\n {typed_row(row).name}: {typed_row(row).default} "
+        assert (option_name(row.name) if row.flag else in_file) in text
+        assert row.flag or option_name(row.name) not in text
+
+
+@pytest.mark.parametrize("words", [*(("rig", rig) for rig in RIGS), ("robot",)])
+def test_what_is_copied_from_the_help_is_a_file(
+    words: tuple[str, ...], file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 80 columns: YAML that names every option without a flag, with the value that it has by default."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    assert main([*words, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) == 80
+    copied = text.partition("with defaults:")[2].partition("\n")[2]
+    table = RobotRunOptions if words == ("robot",) else RIGS[words[-1]].options
+    wanted = [row for row in rows(table) if not row.flag]
+    assert set(yaml.safe_load(copied)) == {typed_row(row).name for row in wanted}
+    file.write_text(copied)
+    assert options_in(file, table, " ".join(words)) == {row.name: row.default for row in wanted}
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Where a file of options goes."""
+    return tmp_path / "rig.yaml"
+
+
+def options_of(tmp_path: Path, *words: str) -> dict[str, Any]:
+    """Options of a short run."""
+    report = tmp_path / "run.json"
+    assert main(["rig", *words, "-o", str(tmp_path / "bag"), "--json", str(report)]) == 0
+    options: dict[str, Any] = json.loads(report.read_text())["runs"][0]["options"]
+    return options
+
+
+def test_a_file_sets_options_and_what_is_typed_wins(file: Path, tmp_path: Path) -> None:
+    """In the units that are typed, those with a flag too; of two files the last wins, over both what is typed."""
+    file.write_text("mounting_error_mm: 1.5\nextension_mm: 8\nspeed_mm_s: 5e1\nmembrane: no\n")
+    other = tmp_path / "other.yaml"
+    other.write_text("channel: achilles\nextension_mm: 5\nvacuum_kpa: 0\n")
+    words = ("tensile", "--params", str(file), "--params", str(other), "--membrane", "yes")
+    options = options_of(tmp_path, *words)
+    assert options["mounting_error_m"] == 0.0015
+    assert options["extension_m"] == 0.005
+    assert options["speed_m_s"] == 0.05
+    assert (options["membrane"], options["channel"]) == ("yes", "achilles")
+
+
+def test_a_value_is_typed_even_if_it_is_the_default(file: Path, tmp_path: Path) -> None:
+    """Over a file wins what was typed, whatever it is."""
+    file.write_text("extension_mm: 8\n")
+    assert options_of(tmp_path, "tensile", "--params", str(file), "--extension-mm", "20")["extension_m"] == 0.02
+
+
+def test_a_run_is_repeated_from_its_bag_or_run_sheet(tmp_path: Path, pull: Bag, file: Path) -> None:
+    """Message for message; a run sheet has SI units, and may know a part alone."""
+    first, again, sheet = tmp_path / "first", tmp_path / "again", tmp_path / "sheet"
+    assert main([*SHORT_PULL, "-o", str(first)]) == 0
+    assert main(["rig", "tensile", "--params", str(first), "-o", str(again)]) == 0
+    file.write_text("rig: tensile\noptions: {vacuum_pa: 50000, extension_m: 1e-2, speed_m_s: 0.05}\n")
+    assert main(["rig", "tensile", "--params", str(file), "-o", str(sheet)]) == 0
+    assert Bag(again).data == Bag(sheet).data == pull.data
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("leg_mm: 500", ": leg_mm is 500; it must be 120 to 400 mm"),
+        ("leg_mm: long", ": leg_mm is 'long'; it must be a number"),
+        ("seed: 1.5", ": seed is 1.5; it must be a whole number"),
+        ("foot: clown", ": foot is 'clown'; it must be one of rigid_ankle, jammed, unjammed"),
+        (
+            "edge_fricton: 0.2",
+            ": edge_fricton is 0.2; rig slip has no option of this name: 'edge_friction' is the nearest",
+        ),
+        ("mass_kg: 2", ": mass_kg is 2; rig slip has no option of this name: there are foot, vacuum_kpa,"),
+        ("leg_m: 0.2", ": leg_m is 0.2; a file of options has the units that are typed: write 'leg_mm: 200.0'"),
+        ("options: {leg_mm: 200}", ": leg_mm is 200; a run sheet has SI units: write 'leg_m: 0.2'"),
+        ("options: {leg_m: 0.5}", ": leg_m is 0.5; it must be 0.12 to 0.4 m"),
+        ("rig: drop", " is the run sheet of rig drop, and this is rig slip; run `jammkle rig drop --params"),
+        ("robot: leg", " is the run sheet of robot leg, and this is rig slip; run `jammkle robot leg --params"),
+        ("foot: rigid_ankle\nslope_deg: 25", ": edge_friction is 0.3; the rigid foot wedges from 0.154"),
+        ("[1, 2]", " holds a list, [1, 2], and no mapping; write NAME: VALUE, one a line"),
+        ("seed: " + "9" * 400, ": seed is 999999999999999999...9999999999999999999; it must be 0 to 2147483647"),
+        (
+            "vacuum_kpa: " + "9" * 400,
+            ": vacuum_kpa is 999999999999999999...9999999999999999999; it must be 5 to 75 kPa",
+        ),
+        (
+            "vacuum_pa: " + "9" * 400,
+            ": vacuum_pa is 999999999999999999...9999999999999999999; it must be 5000 to 75000",
+        ),
+        ("seed: 2020-99-99", ": seed is '2020-99-99'; it must be a whole number"),
+        ("seed: '2'", ": seed is '2', a text; it must be a whole number"),
+        ("vacuum_pa: .nan", ": vacuum_pa is nan; it must be a finite number"),
+        ("vacuum_pa: [1]", ": vacuum_pa is [1]; it must be a number"),
+        ("leg_m: long", ": leg_m is 'long'; it must be a number"),
+        ("seed: 1\nseed: 2", ": 'seed' stands in line 1 and again in line 2; leave one of them"),
+        ("rig: slip\nseed: 1", ": seed is 1, and stands beside 'options'; write it below 'options:' as seed"),
+        (
+            "rig: slip\nleg_mm: 200",
+            ": leg_mm is 200, and stands beside 'options'; write it below 'options:' as leg_m, in m",
+        ),
+        ("rig: slip\ntimestep_s: 0.001", ": timestep_s is 0.001, and stands beside 'options'; write it below"),
+        ("rig: slip\noption: {seed: 1}", ": option is {'seed': 1}; a run sheet has rig, robot, options, and no such"),
+        (
+            "rig: slip\nsede: 1",
+            ": sede is 1; a run sheet has rig, robot, options, and no such name: 'seed' is the nearest",
+        ),
+        ("option: {seed: 1}", ": option is {'seed': 1}; rig slip has no option of this name: 'options' is the nearest"),
+        ("rig: nonsense", ": rig is 'nonsense', which does not exist; there are tensile,"),
+        ("rig: [1]", ": rig is '[1]', which does not exist; there are tensile,"),
+        ("robot: biped", ": robot is 'biped', which does not exist; there are leg, quadruped"),
+        ("a: [", " is not YAML"),
+        ("\x80", " is no text; give a file of YAML, or the folder of a bag"),
+    ],
+)
+def test_a_bad_file_gets_one_line(
+    text: str, line: str, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, the file, the value and the way out; nothing is written."""
+    file.write_text(text, encoding="latin-1")
+    assert main(["rig", "slip", "--params", str(file), "-o", str(tmp_path / "bag")]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"jammkle: --params {file}{line}")
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_whole_number_may_be_written_with_a_point(file: Path) -> None:
+    """2.0 and 2e0 are 2."""
+    for text in ("2.0", "2e0"):
+        file.write_text(f"cycles: {text}")
+        found = options_in(file, RIGS["pressure"].options, "rig pressure")
+        assert (found, type(found["cycles"])) == ({"cycles": 2}, int)
+
+
+def test_yes_and_no_are_said_where_a_number_stands(file: Path) -> None:
+    """And not that a text is wanted."""
+    file.write_text("sides: 0")
+    with pytest.raises(InputError, match=r"sides is 0; it must be one of yes, no \(or true, false\)$"):
+        options_in(file, RIGS["press"].options, "rig press")
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_what_a_bag_holds_may_be_given_as_a_file(rig: str, file: Path) -> None:
+    """Rig, options, and all constants that are recorded beside them."""
+    built, _ = RIGS[rig].build(RIGS[rig].options())
+    file.write_text(yaml.safe_dump({**built.description(), "effects": {"friction.scale": 1.2}}))
+    assert options_in(file, RIGS[rig].options, f"rig {rig}") == dataclasses.asdict(built.options)
+
+
+def test_what_is_no_file_of_options_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An empty name; a file of a bag instead of its folder; a number that is typed and has no end."""
+    (tmp_path / "bag_0.mcap").write_bytes(b"\x89MCAP0")
+    for words, line in (
+        (["--params", ""], "'--params': it is empty; give a file, or the folder of a bag (see --help)"),
+        (["--params", str(tmp_path / "bag_0.mcap")], f"is a file of a bag; give its folder, {tmp_path}"),
+        (["--seed", "9" * 400], "--seed is 999999999999999999...9999999999999999999; it must be 0 to 2147483647"),
+    ):
+        assert main(["rig", "slip", *words, "-o", str(tmp_path / "bag")]) == 2
+        assert capsys.readouterr().err.endswith(f"{line}\n")
+
+
+def test_a_folder_without_a_run_sheet_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, with the folder."""
+    assert main(["rig", "slip", "--params", str(tmp_path), "-o", str(tmp_path / "bag")]) == 2
+    assert f"--params {tmp_path}: {tmp_path} is not a bag" in capsys.readouterr().err
+
+
+def test_an_option_without_a_flag_says_where_it_is_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Typed all the same, and in an error that advises it."""
+    assert main(["rig", "slip", "--leg-mm", "200", "-o", str(tmp_path / "bag")]) == 2
+    assert "--leg-mm 200 is no option: write 'leg_mm: 200' into a file" in capsys.readouterr().err
+    words = ["rig", "slip", "--foot", "rigid_ankle", "--slope-deg", "25", "-o", str(tmp_path / "bag")]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "give edge_friction of 0.04 or less or --slope-deg of 40 or more" in said
+    assert said.endswith("(edge_friction: in a file, --params FILE)\n")

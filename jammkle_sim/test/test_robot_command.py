@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
     """The IMU on the body feels friction alone while the truth slides; before, it feels gravity and the foot stands."""
     bag = tmp_path / "slip"
-    words = f"robot leg --behaviour slip --slope-deg 25 --slip-friction 0.2 --imu body --duration-s 1.4 -o {bag}"
+    (tmp_path / "slip.yaml").write_text("slip_friction: 0.2\nimu: body\n")
+    words = f"robot leg --behaviour slip --slope-deg 25 --duration-s 1.4 --params {tmp_path}/slip.yaml -o {bag}"
     assert main([*words.split(), "--json", str(tmp_path / "slip.json")]) == 0
     with AnyReader([bag]) as reader:
         assert {"/clock", "/sim_parameters"} <= set(reader.topics)
@@ -73,9 +74,12 @@ def test_a_quadruped_has_a_namespace_for_each_ankle(tmp_path: Path) -> None:
     [
         ("robot hexapod -o {bag}", "ROBOT 'hexapod' does not exist; it must be leg or quadruped"),
         ("robot leg --slope-deg 60 -o {bag}", "--slope-deg is 60; it must be 0 to 40 deg"),
-        ("robot leg --roughness-mm 100 -o {bag}", "--roughness-mm is 100; it must be 0 to 40 mm"),
-        ("robot leg --imu-rate-hz 300 -o {bag}", "--imu-rate-hz 300 must be one of 100, 200, 500, 1000 Hz"),
-        ("robot leg --vacuum-kpa 90 -o {bag}", "--vacuum-kpa 90 must be 0 to 75 kPa"),
+        (
+            "robot leg --roughness-mm 10 -o {bag}",
+            "--roughness-mm 10 is no option: write 'roughness_mm: 10' into a file",
+        ),
+        ("robot leg --duration-s 0 -o {bag}", "--duration-s is 0; it must be 0.1 to 3600 s"),
+        ("robot leg --vacuum-kpa 90 -o {bag}", "--vacuum-kpa is 90; it must be 0 to 75 kPa"),
         ("robot leg --behaviour hop -o {bag}", "--behaviour is 'hop'; it must be one of stand, walk, drop, hang, slip"),
     ],
 )
@@ -85,3 +89,43 @@ def test_bad_input_gets_one_line(words: str, line: str, tmp_path: Path, capsys: 
     assert main(words.format(bag=bag).split()) == 2
     assert line in capsys.readouterr().err
     assert not bag.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("roughness_mm: 100", "roughness_mm is 100; it must be 0 to 40 mm"),
+        ("imu_rate_hz: 300", "imu_rate_hz is 300; it must be one of 100, 200, 500, 1000 Hz"),
+        ("timestep_s: 0.0003", "timestep_s 0.0003: a rate of 500 Hz does not fit a time step of 0.0003 s"),
+        ("rig: leg", "rig is 'leg', which does not exist; there are tensile,"),
+        (
+            "robot: quadruped",
+            "is the run sheet of robot quadruped, and this is robot leg; run `jammkle robot quadruped",
+        ),
+        ("rig: drop", "is the run sheet of rig drop, and this is robot leg; run `jammkle rig drop"),
+    ],
+)
+def test_bad_files_get_one_line(text: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the file, the value and the way out; and no bag."""
+    file, bag = tmp_path / "robot.yaml", tmp_path / "bag"
+    file.write_text(text)
+    assert main(["robot", "leg", "--params", str(file), "-o", str(bag)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"jammkle: --params {file}")
+    assert line in said
+    assert not bag.exists()
+
+
+def test_a_run_is_repeated_from_its_bag(tmp_path: Path) -> None:
+    """How long, at which vacuum and rate is in the bag as well: the same options give the same figures."""
+    (tmp_path / "rough.yaml").write_text("roughness_mm: 10\nimu_rate_hz: 200\nvacuum_kpa: 50\nduration_s: 9\n")
+    words = {"first": ["--params", str(tmp_path / "rough.yaml"), "--duration-s", "0.6"]}
+    words["again"] = ["--params", str(tmp_path / "first")]
+    found = []
+    for name, given in words.items():
+        assert main(["robot", "leg", *given, "-o", str(tmp_path / name), "--json", str(tmp_path / "run.json")]) == 0
+        found.append({**json.loads((tmp_path / "run.json").read_text()), "bag": ""})
+    assert found[0] == found[1]
+    options = found[0]["options"]
+    assert (options["duration_s"], options["vacuum_pa"], options["imu_rate_hz"]) == (0.6, 50e3, 200)
+    assert options["roughness_m"] == 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -15,6 +16,9 @@ from jammkle_sim.robots.catalogue import ankle_alone, robot
 from jammkle_sim.robots.options import ROBOTS, RobotOptions
 from jammkle_sim.robots.robot import Robot, attach_ankle, robot_of
 from jammkle_sim.robots.urdf import BETWEEN_SHARE, UrdfNames, robot_mjcf, robot_urdf
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FOOT_INERTIA_KG_M2 = 1.3e-4
 """Largest of the foot about its joint."""
@@ -173,9 +177,12 @@ def test_what_urdf_has_no_word_for_is_refused() -> None:
         robot_urdf(made)
 
 
-def test_the_command_prints_what_was_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_what_was_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing but the URDF goes to the screen; what does not exist or does not fit is refused in a line."""
-    assert main(["robot", "leg", "--urdf", "--payload-kg", "1"]) == 0
+    files = {"laden.yaml": "payload_kg: 1", "overladen.yaml": "payload_kg: 9", "body.yaml": "imu: body"}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    assert main(["robot", "leg", "--urdf", "--params", str(tmp_path / "laden.yaml")]) == 0
     assert loaded(capsys.readouterr().out).body_mass.sum() == pytest.approx(1.8 + 1.0)
     assert main(["robot", "ankle", "--urdf", "--namespace", "lf_ankle"]) == 0
     printed = capsys.readouterr().out
@@ -183,8 +190,11 @@ def test_the_command_prints_what_was_asked_for(capsys: pytest.CaptureFixture[str
     assert 'link name="lf_ankle/foot"' in printed
     for words, why in (
         ("robot biped --urdf", "ROBOT 'biped' does not exist; it must be ankle, leg, quadruped"),
-        ("robot leg --urdf --payload-kg 9", "payload"),
-        ("robot ankle --urdf --imu body", "imu=body needs ROBOT leg or quadruped"),
+        (
+            f"robot leg --urdf --params {tmp_path}/overladen.yaml",
+            "overladen.yaml: payload_kg is 9; it must be 0 to 4 kg",
+        ),
+        (f"robot ankle --urdf --params {tmp_path}/body.yaml", "body.yaml: imu body needs ROBOT leg or quadruped"),
     ):
         assert main(words.split()) == 2
         assert why in capsys.readouterr().err

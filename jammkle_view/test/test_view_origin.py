@@ -10,6 +10,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from jammkle_common.command.errors import InputError
 from jammkle_view.page.server import is_own_page, own_names, serve
 
 if TYPE_CHECKING:
@@ -68,3 +69,9 @@ def test_a_foreign_page_is_sent_away_before_it_is_served(server: viser.ViserServ
     while server.get_clients() and time.monotonic() < end_s:
         time.sleep(0.05)
     assert not server.get_clients()
+
+
+def test_a_port_that_cannot_be_is_refused() -> None:
+    """By its limits, and not by an error of the socket's."""
+    with pytest.raises(InputError, match="port 99999: it must be 1 to 65535"):
+        serve("127.0.0.1", 99999, "Test")

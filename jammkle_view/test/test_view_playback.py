@@ -93,8 +93,18 @@ def effect(folder: Path, text: str) -> Path:
 def test_a_walking_robot_is_followed_through_its_bag(tmp_path: Path) -> None:
     """One ankle of a quadruped is chosen; where the trunk was and how the other legs stood is read as well."""
     bag = tmp_path / "trot"
-    words = ["robot", "quadruped", "--behaviour", "walk", "--duration-s", "2.5", "--imu-rate-hz", "100", "-o", str(bag)]
-    subprocess.run([JAMMKLE, *words], check=True, capture_output=True)
+    (tmp_path / "slow.yaml").write_text("imu_rate_hz: 100\n")
+    words = [
+        "robot",
+        "quadruped",
+        "--behaviour",
+        "walk",
+        "--duration-s",
+        "2.5",
+        "--params",
+        str(tmp_path / "slow.yaml"),
+    ]
+    subprocess.run([JAMMKLE, *words, "-o", str(bag)], check=True, capture_output=True)
     trot = read_recorded(bag, "/rf_ankle", lambda _: None)
     assert "quadruped" in trot.description
     assert set(trot.others) == {"lf_ankle", "lh_ankle", "rh_ankle"}

@@ -18,6 +18,7 @@ from scipy.stats import binomtest  # type: ignore[import-untyped]  # carries no 
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
+from jammkle_common.command.results import make_folder
 from studies.blind.observer import NAMEABLE, Observer
 from studies.blind.trial import run_case
 
@@ -52,7 +53,7 @@ def blind(
         if value < low:
             msg = f"{name} {value} must be {low} or more"
             raise InputError(msg)
-    output.mkdir(parents=True, exist_ok=True)
+    make_folder(output)
     file = output / ("since.jsonl" if since else "cases.jsonl")
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     wanted = range(seed, seed + cases)

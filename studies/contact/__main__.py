@@ -11,7 +11,7 @@ import typer
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.options import JsonOption
-from jammkle_common.command.results import check_writable, console, progress_bar, write_json
+from jammkle_common.command.results import check_writable, console, make_folder, progress_bar, write_json
 from studies.contact.benefit import benefit
 from studies.contact.page import page, results
 from studies.contact.real_foot import draw_real_foot, real_figures, real_foot
@@ -43,11 +43,7 @@ def contact(
         if value < least:
             msg = f"--{name} is {value}; it must be {least} or more"
             raise InputError(msg)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"-o {output} cannot be written: {error.strerror}"
-        raise InputError(msg) from error
+    make_folder(output)
     recordings = [] if real is None else sorted(real.glob("*.csv"))
     if real is not None and not recordings:
         msg = f"--real {real} holds no .csv; it must be a folder of tables: force, acceleration, rate"

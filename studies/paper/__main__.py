@@ -113,11 +113,7 @@ def _check(folder: Path, json: Path | None, repeats: int, seed: int) -> None:
             raise InputError(msg)
     if json is not None and json.absolute().parent != folder.absolute():
         results.check_writable(json)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"folder {folder} cannot be made: {error.strerror}"
-        raise InputError(msg) from error
+    results.make_folder(folder)
     results.check_writable(json)
     results.check_writable(folder / PAGE_NAME, "--output")
 

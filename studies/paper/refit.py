@@ -78,6 +78,7 @@ HELD_FIXED = {
     "relaxation_times_s": "one per decade; gains and times cannot both be told from two peaks",
     "creep_gain": "no row lasts for a minute",
     "creep_time_s": "as creep_gain",
+    "early_slip": "0 in the reference model, whose curves the friction is fitted to",
     "friction_scale": "only its product with the yield forces matters",
     "grip_saturation_m": "any value well below 20 mm gives the same peaks",
     "break_extension_m": "the paper's",

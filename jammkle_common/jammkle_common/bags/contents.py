@@ -17,7 +17,7 @@ import yaml
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from jammkle_common.bags.storage import MCAP
+from jammkle_common.bags.storage import MCAP, begins_as_bag
 from jammkle_common.command.errors import InputError
 
 if TYPE_CHECKING:
@@ -127,6 +127,9 @@ def check_finished(contents: Contents) -> None:
         return
     if any(is_held(path) for path in contents.files):
         msg = f"bag {bag} is still being recorded: stop its recorder first (Ctrl-C, or SIGINT)"
+        raise InputError(msg)
+    if not any(begins_as_bag(path) for path in (*contents.files, *contents.unnamed)):
+        msg = f"bag {bag} cannot be read: no file of it begins as MCAP or SQLite does"
         raise InputError(msg)
     msg = f"bag {bag} was not completed, as its recorder was killed or found no room: `jammkle recover {bag}` mends it"
     raise InputError(msg)

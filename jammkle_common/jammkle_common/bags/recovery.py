@@ -28,7 +28,7 @@ from jammkle_common.bags.contents import (
     write_metadata,
 )
 from jammkle_common.bags.reading import messages, open_files, opened
-from jammkle_common.bags.storage import MCAP, ROS1, SQLITE, ZSTD, begins_with, merged
+from jammkle_common.bags.storage import MCAP, ROS1, ZSTD, begins_as_bag, begins_with, merged
 from jammkle_common.bags.times import BagTimes, Span, other_clock
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -107,9 +107,23 @@ def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None
         msg = f"bag {bag} is being recorded: stop its recorder first (Ctrl-C, or SIGINT)"
         raise InputError(msg)
     _check_recoverable(contents)
-    if target is not None:
-        bag = _copied(bag, target)
-        contents = dataclasses.replace(contents_of(bag), counted=contents.counted)
+    if target is None:
+        return _made_whole(contents, on_progress)
+    try:
+        copied = _copied(bag, target)
+    except OSError as error:
+        msg = f"--output {target} cannot be made: {error.strerror or error}"
+        raise InputError(msg) from error
+    try:
+        return _made_whole(dataclasses.replace(contents_of(copied), counted=contents.counted), on_progress)
+    except BaseException:
+        shutil.rmtree(copied, ignore_errors=True)
+        raise
+
+
+def _made_whole(contents: Contents, on_progress: Callable[[float], None]) -> Recovered:
+    """Complete a bag in place, and say what is in it."""
+    bag = contents.bag
     if bag.is_dir():  # what a recorder leaves that died while it wrote it
         (bag / f"{METADATA_NAME}.tmp").unlink(missing_ok=True)
     counted = contents.counted or 0
@@ -150,6 +164,9 @@ def _check_recoverable(contents: Contents) -> None:
     if not there:
         msg = f"bag {contents.bag} cannot be recovered: of its files {', '.join(contents.missing)} none is there"
         raise InputError(msg)
+    if not any(begins_as_bag(path) or begins_with(path).startswith(ROS1) for path in there):
+        msg = f"bag {contents.bag} cannot be recovered: no file of it begins as MCAP or SQLite does"
+        raise InputError(msg)
     if any(begins_with(path).startswith(ROS1) for path in there):
         msg = f"bag {contents.bag} is of ROS 1: `rosbag reindex` mends it; `jammkle info {contents.bag}` reads it"
         raise InputError(msg)
@@ -158,7 +175,7 @@ def _check_recoverable(contents: Contents) -> None:
 def _without_empty_files(contents: Contents) -> Contents:
     """Set files aside that hold nothing of a bag, where others do; they count as missing from then on."""
     there = (*contents.files, *contents.unnamed)
-    empty = [path for path in there if not begins_with(path).startswith((MCAP, SQLITE, ZSTD))]
+    empty = [path for path in there if not begins_as_bag(path)]
     if not empty or len(empty) == len(there):
         return contents
     for path in empty:

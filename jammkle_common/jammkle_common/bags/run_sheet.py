@@ -11,6 +11,7 @@ is a short file, `run.yaml`, in the folder of the bag, or beside it for all bags
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +19,30 @@ import yaml
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import SIM_PARAMETERS
+from jammkle_common.parameters import is_number, shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
 FILE_NAME = "run.yaml"
+KEYS = ("rig", "robot", "options")
+"""What a run sheet is known by."""
+_PARTS = (
+    "ankle",
+    "leg",
+    "quadruped",
+    "tendon",
+    "pneumatics",
+    "sensors",
+    "hard_contact",
+    "squash_ball",
+    "standard_foot",
+)
+RECORDED = frozenset(("timestep_s", "ankles", "effects", *_PARTS))
+"""What a bag of this project holds beside them: constants of the machine, which follow from the options."""
+_MOST_DIGITS = 1000
+_TIMESTAMP = "tag:yaml.org,2002:timestamp"
 TEMPLATE = f"""\
 # {FILE_NAME}: what was done to the machine. Put it into the folder of the bag, or beside it for all bags of the folder.
 rig: drop             # tensile, pressure, drop, slip, landing
@@ -41,6 +60,10 @@ class RunSheet:
     """What it was recorded on; empty: not known."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """How that was set, SI, by the names of the rig's options; those not named are not known."""
+    robot: str = ""
+    """Robot of ours that was simulated, and whose options these are; empty: it was none."""
+    beside: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """What a file holds beside these; empty for a bag."""
 
     def as_mapping(self) -> dict[str, Any]:
         """Return what is written into a bag or a file."""
@@ -54,17 +77,89 @@ def read_text(text: str, source: str) -> RunSheet:
         InputError: it is not YAML, or rig or options are not what they must be.
 
     """
+    content = _content(text, source)
+    return _sheet_of(content if isinstance(content, dict) else {}, source, _plain)
+
+
+def read_options(text: str, source: str) -> RunSheet | dict[str, Any]:
+    """Read a file of options: a run sheet, or else a table of names and values, in whatever units the names say.
+
+    Raises:
+        InputError: it is neither; the message begins with the source.
+
+    """
+    content = _content(text, source)
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        msg = f"{source} holds {_kind(content)}; {_WRITE}"
+        raise InputError(msg)
+    if content.keys() & set(KEYS):
+        return _sheet_of(content, source, _word)
+    return {str(name): _word(value) for name, value in content.items()}
+
+
+class _UnfitError(Exception):
+    """YAML whose values cannot be taken; the message follows the source."""
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML whose names stand once each, with 5e4 a number and dates as they are written."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002 - PyYAML's
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
+            name = str(self.construct_object(key, deep=True))
+            line = key.start_mark.line + 1
+            if name in lines:
+                msg = f"{shortened(name)} stands in line {lines[name]} and again in line {line}; leave one of them"
+                raise _UnfitError(msg)
+            lines[name] = line
+            if isinstance(value, yaml.ScalarNode) and value.tag.endswith(":int") and len(value.value) > _MOST_DIGITS:
+                msg = f"{name} is {shortened(value.value)}; a number must have at most {_MOST_DIGITS} digits"
+                raise _UnfitError(msg)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in known if tag != _TIMESTAMP]
+    for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+def _content(text: str, source: str) -> Any:
     try:
-        content: Any = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        return yaml.load(text, _Loader)  # noqa: S506 - a safe loader
+    except _UnfitError as error:
+        msg = f"{source}: {error}"
+        raise InputError(msg) from error
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         msg = f"{source} is not YAML: {' '.join(str(error).split())}"
         raise InputError(msg) from error
-    content = content if isinstance(content, dict) else {}
-    options = content.get("options") or {}
+
+
+_WRITE = "write NAME: VALUE, one a line"
+
+
+def _kind(content: Any) -> str:
+    kinds = {list: "a list", str: "a text", bool: "a word"}
+    return f"{kinds.get(type(content), 'a value')}, {shortened(content)}, and no mapping"
+
+
+def _sheet_of(content: Mapping[str, Any], source: str, plain: Callable[[Any], Any]) -> RunSheet:
+    options = content.get("options")
+    options = {} if options is None else options
     if not isinstance(options, dict):
-        msg = f"{source} has options that are no table but '{options}'; write them as NAME: VALUE, one a line"
+        msg = f"{source} has options that are {_kind(options)}; {_WRITE}"
         raise InputError(msg)
-    return RunSheet(str(content.get("rig") or ""), {str(name): _plain(value) for name, value in options.items()})
+    taken = {str(name): plain(value) for name, value in options.items()}
+    beside = {str(name): value for name, value in content.items() if name not in KEYS}
+    return RunSheet(str(content.get("rig") or ""), taken, str(content.get("robot") or ""), beside)
 
 
 def read_sheet(bag: Path, recorded: str | None, name: str = "") -> RunSheet:
@@ -91,14 +186,14 @@ def read_sheet(bag: Path, recorded: str | None, name: str = "") -> RunSheet:
     except (OSError, UnicodeDecodeError) as error:
         msg = f"run sheet {file} cannot be read: {error}"
         raise InputError(msg) from error
-    return RunSheet(written.rig or own.rig, {**own.options, **written.options})
+    return RunSheet(written.rig or own.rig, {**own.options, **written.options}, written.robot or own.robot)
+
+
+def _word(value: Any) -> Any:
+    """Return yes and no as the words that they are."""
+    return ("yes" if value else "no") if isinstance(value, bool) else value
 
 
 def _plain(value: Any) -> Any:
-    """Return a number where YAML takes one for a word, such as 5e4, and yes and no as the words that they are."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
+    """Return numbers in quotes as numbers too, in a run sheet that nobody has just typed."""
+    return float(value) if isinstance(value, str) and is_number(value) else _word(value)

@@ -75,6 +75,16 @@ class BagFile(Protocol):
         """Give the file back."""
 
 
+def begins_as_bag(path: Path) -> bool:
+    """Return whether a file begins as one of a bag of ROS 2 does, maybe compressed.
+
+    Raises:
+        OSError: it cannot be read.
+
+    """
+    return begins_with(path).startswith((MCAP, SQLITE, ZSTD))
+
+
 def begins_with(path: Path) -> bytes:
     """Return the first bytes of a file, enough to know of which kind it is.
 

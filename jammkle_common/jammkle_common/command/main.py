@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 import sys
+from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import typer
@@ -70,12 +73,22 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run(command: typer.Typer, arguments: list[str] | None = None) -> int:
     """Run a command line, None: of this process; return 0 done, 1 failed, 2 bad input, 130 interrupted."""
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()  # the shell may have closed them
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name of a file may be no text
     stdout = sys.stdout
     try:
-        return _run(command, arguments)
+        code = _run(command, arguments)
+        stdout.flush()
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        with _nowhere() as nowhere:  # what is left of it cannot be written either
+            os.dup2(nowhere.fileno(), stdout.fileno())
+        return failed(f"the output cannot be written: {error.strerror}; make room, or write it elsewhere", EXIT_FAILED)
+    else:
+        return code
     finally:
         sys.stdout = stdout  # `--json -` has taken it
 
@@ -100,6 +113,10 @@ def _run(command: typer.Typer, arguments: list[str] | None) -> int:
             raise
         return failed(_where_it_went(error) or f"{error.format_message()} (see --help)", error.exit_code)
     return code if isinstance(code, int) else 0
+
+
+def _nowhere() -> io.TextIOWrapper:
+    return Path(os.devnull).open("w", encoding="utf-8")
 
 
 def _where_it_went(error: Exception) -> str | None:

@@ -101,6 +101,20 @@ def note(line: str) -> None:
         sys.stderr.write(f"jammkle: note: {' '.join(line.split())}\n")
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, and those above it, where it is not there yet.
+
+    Raises:
+        InputError: it cannot be made, or a file has its name.
+
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"folder {folder} cannot be made: {error.strerror}"
+        raise InputError(msg) from error
+
+
 def check_writable(path: Path | None, option: str = "--json") -> None:
     """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 

@@ -74,8 +74,8 @@ def check_port(port: str) -> None:
 
     """
     if port.startswith("tcp://"):
-        parts = urlsplit(port)
         try:
+            parts = urlsplit(port)
             good = bool(parts.hostname) and (parts.port is None or parts.port > 0)
         except ValueError:
             good = False

@@ -214,6 +214,11 @@ class FilterBank:
         self.leave_out(())
         self.reset(ambient_pa)
 
+    @property
+    def repeats_as_never(self) -> Flags:
+        """Which sensors repeat a reading more often now than ever before, the manifold's first."""
+        return (self._changes >= KNOWN_AFTER) & (self._run > self._longest_run)
+
     def reset(self, ambient_pa: float) -> None:
         """Begin anew, vented at `ambient_pa`, Pa, or at what the first readings say."""
         models, size = self._tables.mean.shape

@@ -145,7 +145,8 @@ STEADY_S = 0.25
 """How long a hypothesis must lead, s: five of the time constants in which a channel fills."""
 
 PATIENCE_S = 1.0
-"""How long two hypotheses are waited for to separate; then the better one is reported, s."""
+"""How long two hypotheses are waited for to separate, one of them perhaps a stuck sensor; then the better one is
+reported, s."""
 
 LEVEL_COST = 15.0
 """What a stuck sensor must gain more than other faults, nats: its level is fitted to the very readings."""
@@ -312,7 +313,9 @@ class Diagnosis:
         if chosen.reason is not Reason.VALVE_STUCK_CLOSED:  # what parts a sensor from a valve is no haste for others
             lead = min(lead, counted[best] - max(self._fair(m, float(bank.scores[m]), changes=0.0) for m in rivals))
         self._leading_s = self._leading_s + duration_s if counted[best] >= THRESHOLD else 0.0
-        if self._leading_s < (STEADY_S if lead > LEAD else PATIENCE_S):
+        # A reading that does not follow speaks for the line or the valve at once, for its own sensor by repeats alone.
+        may_be_stuck = chosen.reason is not Reason.SENSOR_STUCK and bank.repeats_as_never[chosen.place]
+        if self._leading_s < (STEADY_S if lead > LEAD and not may_be_stuck else PATIENCE_S):
             return None
         close = (best, *(model for model in rivals if counted[best] - counted[model] <= LEAD))
         if not any(self._is_small_drift(model) for model in close):

@@ -17,6 +17,7 @@ from jammkle_sim.physics.contact import Softening
 from jammkle_sim.physics.contact import soften as soften_contact
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.physics.pneumatics import REFERENCE_DENSITY_KG_M3, conductance_kg_s_pa, stable_substeps
+from jammkle_sim.physics.tendon import slip_elements
 from jammkle_sim.rigs.catalogue import rig_kind
 from jammkle_sim.rigs.replay import is_driven
 from jammkle_sim.rigs.rig import ACCELEROMETER, laws_of
@@ -632,6 +633,16 @@ def scale_friction_stiffness(rig: Rig, values: Mapping[str, float], _place: str)
 
     def change(law: Any) -> None:
         law["friction_stiffness_n_m"] *= values["scale"]
+
+    return with_tendons(rig, "", change)
+
+
+def slip_early(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+    """Let contacts of jammed fibres slide one after the other to a `share`, where they slide together."""
+
+    def change(law: Any) -> None:
+        two = law["friction_stiffness_n_m"][-2:], law["friction_yield_n_per_pa"][-2:]
+        law["friction_stiffness_n_m"], law["friction_yield_n_per_pa"] = slip_elements(*two, values["share"])
 
     return with_tendons(rig, "", change)
 

@@ -116,11 +116,11 @@ def read_yaml(file: Path, what: str) -> Any:
     """
     try:
         return yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        msg = f"{what} {file} cannot be read: {error.strerror}"
-        raise BadEffectError(msg) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         msg = f"{what} {file} is not YAML: {' '.join(str(error).split())}"
+        raise BadEffectError(msg) from error
+    except (OSError, ValueError) as error:  # no path holds a zero
+        msg = f"{what} {file} cannot be read: {getattr(error, 'strerror', '') or error}"
         raise BadEffectError(msg) from error
 
 

@@ -107,6 +107,8 @@ def evidence_of(
         msg = f"no reference was made in the setting of a recording: references in {made_in}; recordings in {asked}"
         msg += "; record references in the same settings, or leave them out"
         raise BadRecordingError(msg)
+    if problem.sensing is not None and not references:
+        problem = replace(problem, sensing=problem.sensing.without_references())
     dictionaries = [
         # A regulator answers a fault: at the commands of a healthy run signatures would mislead.
         dictionary_of(each.faulty[0], problem, runner, constants, folder).laid(each.layout, problem, each.faulty[0])

@@ -10,7 +10,7 @@ import numpy as np
 
 from jammkle_gap.core.decide import NONE_OF_THEM, by_likelihood, detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
-from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, fit_jointly, slopes_in
+from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, derivatives_of, fit_jointly, slopes_in
 from jammkle_gap.core.predict import predicting
 from jammkle_gap.core.signatures import grids_of
 from jammkle_gap.core.simulate import Made, StoppedError
@@ -37,16 +37,21 @@ _BEYOND = 2.5
 """Standard deviations from nominal from which on a constant may stand for an effect. Chosen: one of 70 constants of a
 machine as drawn lies beyond."""
 _WORTH_GOING_ON = 1.0
-"""Nats that derivatives taken anew must gain, for the constants alone to be fitted on."""
+"""Nats that derivatives taken anew must be expected to gain, for the constants alone to be fitted on."""
 _CONTENDS = 8.0
-"""Nats below the likeliest candidate within which others are fitted again as it is. Chosen: twice what that gains."""
+"""Nats below the likeliest candidate within which others are simulated again as the machine is, where a search takes
+longer steps. Chosen: twice what fitting them so gains, and ten times what steps of 2 ms changed on an ankle."""
 _HOPELESS = 16.0
 """Nats that a candidate may be behind the best of those that begin where it does, when all were fitted once, to be
 fitted on where that is dear. Chosen: further rounds gained 45 to 52 nats each on a development specimen with a leak."""
+_OVERTAKEN = 60.0
+"""Nats that a candidate may be behind the best fit of the same effects from other constants, or of the constants alone,
+to be fitted on. Chosen: on a healthy development specimen those that were 88 to 97 behind gained 77 to 79, and never
+caught up."""
 _SETTLED = 0.25
 """Nats that a further fit gains, from 0 to this, for none to follow it. Chosen: a quarter of `_WORTH_GOING_ON`."""
 _NESTED = 2
-"""Candidates from whose constants those alone are fitted once more."""
+"""Candidates from whose constants those alone are fitted once more, and pairs from which each half is."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +159,7 @@ class _Search:
         rough = machine.coarse() if self._dear else machine
         signatures = rough.signatures()
         self._rough = replace(rough, nominal=signatures.nominal())
-        """What the search simulates; those that are likely are fitted again with the machine itself."""
+        """What the search simulates; what it leaves of those that are likely is that of the machine itself."""
         self._is_rough = rough is not machine
         runner.count([signatures.made])
         self.blank = blank_of(error.difference)
@@ -171,7 +176,8 @@ class _Search:
         if provisional is not None:
             length = max(bases[0].length, 1.0)
             provisional([(each.names[0], min(max(each.gain / length, 0.0), 1.0)) for each in bases[0].singles])
-        singles = self._best_of(nothing, self.fitted(self._promising_singles(bases, nothing, slopes), "fitting"))
+        promising = self._promising_singles(bases, nothing, slopes)
+        singles = self._best_of(nothing, self.fitted(promising, "fitting", error.cost(nothing)))
         if machine.problem.constants:
             # Nats decide: constants that a candidate has found may explain more alone, too.
             work = [
@@ -189,7 +195,8 @@ class _Search:
                 settled = self._sharpened([singles[0]], (True, False), "fitting")
                 singles = self._best_of(nothing, [*settled, *singles])
             promising = self._promising_pairs(singles, bases[min(1, len(bases) - 1)])
-            pairs = self._best_of(nothing, self.fitted(promising, "fitting pairs"))
+            pairs = self._best_of(nothing, self.fitted(promising, "fitting pairs", error.cost(nothing)))
+            singles = self._best_of(nothing, [*singles, *self.halves(pairs[:_NESTED])])
         fits, likelihoods = self._weighed({fit.names: fit for fit in (nothing, *singles, *pairs)}, gap=gap)
         moving = {place.names[0] for place in bases[0].singles}
         silent = tuple(effect.name for effect in machine.problem.library if effect.name not in moving)
@@ -206,8 +213,15 @@ class _Search:
         length = float(difference.whitened @ difference.whitened)
         return _Base(length, profiles, singles, fit, weighs, slopes)
 
-    def fitted(self, starts: Sequence[_Start], what: str) -> list[Fit]:
-        """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated."""
+    def fitted(self, starts: Sequence[_Start], what: str, alone: float = np.inf) -> list[Fit]:
+        """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated.
+
+        Args:
+            starts: Where they begin.
+            what: Of the progress.
+            alone: Cost of the constants alone; a candidate costs no more where it is well begun.
+
+        """
         machine, error, constants = self._rough, self._error, self._constants
         once = replace(constants, reweighings=1) if self._dear else constants
         by_slopes: dict[int, list[tuple[Any, ...]]] = {}
@@ -219,10 +233,15 @@ class _Search:
             by_slopes.setdefault(id(base.slopes), []).append(begins)
         rest = replace(constants, reweighings=constants.reweighings - once.reweighings)
         found: list[Fit] = []
-        for work in by_slopes.values():
-            fits = self._until_stopped(fit_beside_error, work, what)
+        begun_by = [(work, self._until_stopped(fit_beside_error, work, what)) for work in by_slopes.values()]
+        if not rest.reweighings:
+            return [fit for _, fits in begun_by for fit in fits]
+        least: dict[frozenset[str], float] = {}
+        for fit in (fit for _, fits in begun_by for fit in fits):
+            least[frozenset(fit.names)] = min(error.cost(fit), least.get(frozenset(fit.names), alone))
+        for work, fits in begun_by:
             limit = min(map(error.cost, fits), default=0.0) + _HOPELESS
-            near = [fit for fit in fits if error.cost(fit) < limit] if rest.reweighings else []
+            near = [fit for fit in fits if error.cost(fit) < min(limit, least[frozenset(fit.names)] + _OVERTAKEN)]
             further = [(machine, error, fit, fit, rest, work[0][-1]) for fit in near]
             again = self._until_stopped(partial(fit_beside_error, evenly=False), further, what)
             found += [*fits, *again]
@@ -289,6 +308,20 @@ class _Search:
         tried = 2 * constants.refined_pairs if cheap else most
         return [*sorted(seconds, key=lambda each: -each[2].gain)[:tried], *by_grids]
 
+    def halves(self, pairs: Sequence[Fit]) -> list[Fit]:
+        """Return the effects of pairs by themselves, fitted from where the pair has come to.
+
+        Else one half that was begun elsewhere, and is not fitted to its end, lets the other seem to be there.
+        """
+        work = []
+        for pair in pairs:
+            slopes = [each[:, len(pair.values) :] for each in derivatives_of(self._rough, pair)]
+            for name in pair.names:
+                values = {key: pair.values[key] for key, _ in self._machine.problem.library.parameters((name,))}
+                start = replace(begun((name,), values), scores=pair.scores)
+                work.append((self._rough, self._error, start, pair, self._constants, slopes))
+        return self._until_stopped(partial(fit_beside_error, evenly=False), work, "fitting")
+
     def _slopes(
         self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str = ""
     ) -> list[NDArray[np.float64]]:
@@ -308,14 +341,17 @@ class _Search:
         self._runner.count([made])
         if not fit.features:
             return self.blank
+        before = 0.0
         for _ in range(constants.calibration_steps if machine.problem.constants else 0):
             slopes = self._slopes(error.difference_with(fit), fit, CENTRAL if self._affordable else FORWARD)
             found, made = fit_beside_error(machine, error, fit, fit, constants, slopes, evenly=False)
             self._runner.count([made])
             gained = error.cost(fit) - error.cost(found) if found.features else 0.0
             fit = found if gained > 0.0 else fit
-            if gained < _WORTH_GOING_ON:
+            # Gauss-Newton steps gain in geometric series: the next would gain gained^2 / before.
+            if gained < _WORTH_GOING_ON or gained * gained < _WORTH_GOING_ON * before:
                 break
+            before = gained
         return fit
 
     def _bases(self, nothing: Fit, slopes: Sequence[NDArray[np.float64]]) -> list[_Base]:
@@ -370,13 +406,17 @@ class _Search:
         if self._dear:
             best = max(own.values())
             near = {names: score for names, score in own.items() if score > best - _CONTENDS or not names}
-            if self._is_rough:
-                work = [(self._machine, self._error, known[names]) for names in near]
-                known.update({fit.names: fit for fit in self._until_stopped(exactly, work, what)})
-            chosen = self._likeliest(near, constants.refined_beside) if gap else {NONE_OF_THEM}
-            likely = [known[names] for names in sorted(chosen, key=lambda names: -own[names])]
-            if gap or self._is_rough:
+            most = constants.refined_beside if gap else 0  # else none will be named
+            if most:
+                chosen = self._likeliest(near, most)
+                likely = [known[names] for names in sorted(chosen, key=lambda names: -own[names])]
                 known.update({fit.names: fit for fit in self._sharpened_together(likely, what)})
+            if self._is_rough and self.finished:
+                found = self._as_machine_itself([known[names] for names in near if known[names].slopes], most, what)
+                known.update({fit.names: fit for fit in found})
+                if self.finished:  # what the machine itself cannot be run with is none of its causes
+                    kept = {NONE_OF_THEM, *(fit.names for fit in found)}
+                    known = {names: fit for names, fit in known.items() if names in kept or names not in near}
             return known, self._scored(known)
         for evenly, most in rounds:
             again = self._sharpened([known[names] for names in self._likeliest(own, most)], (evenly,), what)
@@ -402,26 +442,37 @@ class _Search:
         return {NONE_OF_THEM, *chosen, *((name,) for names in chosen for name in names if (name,) in own)}
 
     def _sharpened_together(self, fits: Sequence[Fit], what: str) -> list[Fit]:
-        """Return candidates fitted again with the machine itself.
-
-        Derivatives by the constants are taken where the first of the effects among them has come to; of none alone,
-        they are those that it has.
-        """
+        """Return candidates fitted again, with derivatives by the constants where the first effect has come to."""
         about = next((fit for fit in fits if fit.names), None)
-        count = len(self._machine.problem.constants)
-        if not self.finished:
+        if about is None or not self.finished:
             return []
         try:
-            if about is None:
-                slopes = [each @ np.linalg.inv(self._machine.root) for each in fits[0].slopes]
-            else:
-                slopes = self._slopes(self._error.difference_with(about), about, FORWARD, what)
+            slopes = self._slopes(self._error.difference_with(about), about, FORWARD, what)
         except StoppedError:
             self.finished = False
             return []
-        slopes = [each[:, each.shape[1] - count :] for each in slopes]
-        work = [(self._machine, self._error, fit, fit, self._constants, slopes) for fit in fits]
-        return self._until_stopped(partial(fit_beside_error, evenly=False), work, what) if slopes else []
+        slopes = [each[:, each.shape[1] - len(self._machine.problem.constants) :] for each in slopes]
+        work = [(self._rough, self._error, fit, fit, self._constants, slopes) for fit in fits]
+        return self._until_stopped(partial(fit_beside_error, evenly=False), work, what)
+
+    def _as_machine_itself(self, fits: Sequence[Fit], most: int, what: str) -> list[Fit]:
+        """Return what a search has found as the machine itself has it.
+
+        Those that are likely then are fitted so once, by the derivatives that they have come to.
+        """
+        signatures = self._machine.signatures()
+        itself = replace(self._machine, nominal=signatures.nominal())
+        self._runner.count([signatures.made])
+        found = self._until_stopped(exactly, [(itself, self._error, fit) for fit in fits], what)
+        by_names = {fit.names: fit for fit in found}
+        if not self.finished or NONE_OF_THEM not in by_names:
+            return found
+        chosen = self._likeliest(self._scored(by_names), most)
+        once = replace(self._constants, reweighings=1)
+        work = [
+            (itself, self._error, fit, fit, once, derivatives_of(itself, fit)) for fit in found if fit.names in chosen
+        ]
+        return [*found, *self._until_stopped(partial(fit_beside_error, evenly=False), work, what)]
 
 
 def detect_beside_error(
@@ -484,7 +535,7 @@ def fit_beside_error(
         start: The candidate and where to begin.
         before: Fit whose discrepancy weighs the features first.
         constants: Of the model.
-        slopes: Derivatives by the constants; None: those at the nominal machine.
+        slopes: Derivatives by the constants, or by parameters and constants; None: those at the nominal machine.
         evenly: Whether what that leaves is spread evenly over each signal at first.
 
     """
@@ -505,11 +556,11 @@ def fit_beside_error(
 
 
 def exactly(machine: Machine, error: Discrepancy, fit: Fit) -> tuple[Fit, Made]:
-    """Return a candidate as the machine itself has it where a search has come to; as it was if that cannot be run."""
+    """Return a candidate as the machine itself has it where a search has come to; no features if it cannot be run."""
     signatures = machine.signatures()
     made = signatures.parts(fit.values, fit.machine)
     if made is None:
-        return fit, signatures.made
+        return replace(fit, features=()), signatures.made
     own = zip(made, error.difference.settings, strict=True)
     return replace(fit, features=tuple(part - each.shared @ fit.scores for part, each in own)), signatures.made
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import orth  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap.core.features import features_of, measured
 from jammkle_gap.core.signatures import grids_of, known_features, sensed_difference
-from jammkle_gap.core.simulate import Made, Task, run_task
+from jammkle_gap.core.simulate import InfeasibleError, Made, simulated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -213,7 +214,10 @@ class Signatures:
         self._machine = dict(machine)
         self._silent = silent or [frozenset[str]()] * len(settings)
         place = tuple(sorted(self._machine.items()))
-        self._known = {(k, place): features for k, features in enumerate(nominal)}
+        self._known: dict[tuple[Any, ...], NDArray[np.float64]] = {
+            (k, place, ()): features for k, features in enumerate(nominal)
+        }
+        self._latest: dict[int, tuple[Mapping[str, float], Mapping[str, NDArray[np.float64]] | None]] = {}
         self.made = Made(0, 0.0)
 
     def parts(
@@ -253,15 +257,20 @@ class Signatures:
             if key not in silent or key in self._machine
         }
         before = machine if setting.references else self._machine
-        part = sensed_difference(self._problem, setting, values)
+        # Where there are none, a sensor reads what this machine does, and not what the nominal one does.
+        part = np.zeros(setting.layout.size)
+        if setting.references:
+            part = sensed_difference(self._problem, setting, values)
         # Of each feature the effects that sensing does not know are simulated; most often these are all or none.
         known = {key: known_features(self._problem, setting.layout, (key.partition(".")[0],)) for key in values}
         for features in _uniform_parts([np.zeros(setting.layout.size, dtype=bool), *known.values()]):
             physical = {
                 key: value for key, value in values.items() if key not in silent and not known[key][features].all()
             }
-            if physical or machine != before:
-                change = self._simulated(k, physical, machine) - self._simulated(k, {}, before)
+            sensed = {} if setting.references else {key: values[key] for key in values if known[key][features].all()}
+            if physical or sensed or machine != before:
+                nominal = self._simulated(k, {}, before, {})
+                change = self._simulated(k, physical, machine, sensed) - nominal
                 if not np.isfinite(change).any():
                     return None
                 part[features] += np.nan_to_num(change[features])
@@ -269,17 +278,34 @@ class Signatures:
 
     def nominal(self) -> tuple[NDArray[np.float64], ...]:
         """Return the features with the calibrated constants alone, per setting."""
-        return tuple(self._simulated(k, {}, self._machine) for k in range(len(self._settings)))
+        return tuple(self._simulated(k, {}, self._machine, {}) for k in range(len(self._settings)))
 
-    def _simulated(self, k: int, values: Mapping[str, float], machine: Mapping[str, float]) -> NDArray[np.float64]:
-        asked = {**machine, **values}
-        place = (k, tuple(sorted(asked.items())))
+    def _simulated(
+        self, k: int, values: Mapping[str, float], machine: Mapping[str, float], sensed: Mapping[str, float]
+    ) -> NDArray[np.float64]:
+        """Return the features of a machine with effects, some of which act on what its sensors read."""
+        place = (k, tuple(sorted({**machine, **values}.items())), tuple(sorted(sensed.items())))
         if place not in self._known:
-            setting = self._settings[k]
-            task = Task(setting.faulty[0], setting.layout, asked)
-            self._known[place] = run_task(self._problem.simulator, self._problem.alignment, task)
-            self.made = Made(self.made.runs + 1, self.made.simulated_s + setting.faulty[0].duration_s)
+            setting, sensing = self._settings[k], self._problem.sensing
+            run, features = setting.faulty[0], np.full(setting.layout.size, np.nan)
+            read = self._read(k, {**machine, **values})
+            if read is not None and sensed and sensing is not None:
+                read = {**read, **sensing(run, {**measured(run), **read}, sensed)}
+            if read is not None:
+                features = features_of(setting.layout, run, read, self._problem.alignment)
+            self._known[place] = features
         return self._known[place]
+
+    def _read(self, k: int, values: Mapping[str, float]) -> Mapping[str, NDArray[np.float64]] | None:
+        """Return what is read in a setting, by signal; None where it cannot be simulated. The latest is kept."""
+        if self._latest.get(k, (None, None))[0] != values:
+            run = self._settings[k].faulty[0]
+            try:
+                self._latest[k] = values, simulated(self._problem.simulator, run, values)
+            except InfeasibleError:
+                self._latest[k] = values, None
+            self.made = Made(self.made.runs + 1, self.made.simulated_s + run.duration_s)
+        return self._latest[k][1]
 
 
 def _uniform_parts(known: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:

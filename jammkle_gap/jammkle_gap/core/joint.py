@@ -317,6 +317,16 @@ class _Objective:
         return rows
 
 
+def derivatives_of(machine: Machine, fit: Fit) -> list[NDArray[np.float64]]:
+    """Return the derivatives that a fit has come to, per setting, shape (n, parameters + constants).
+
+    They are by each parameter, and by one standard deviation of each constant.
+    """
+    free = len(fit.values)
+    back = np.linalg.inv(machine.root) if len(machine.root) else np.zeros((0, 0))
+    return [np.hstack([each[:, :free], each[:, free:] @ back]) for each in fit.slopes]
+
+
 CENTRAL, FORWARD = (1.0, -1.0), (1.0, 0.0)
 """Ends of a difference quotient, in steps. What a candidate and the constants differ by is small beside either, and
 would be lost in the curvature by forward ones, which take half of the runs."""
@@ -345,9 +355,7 @@ def slopes_in(
     """
     signatures, parameters = machine.coarse().signatures(), machine.problem.library.parameters(fit.names)
     place, (least, most) = machine.mean + machine.root @ fit.scores, machine.bounds
-    back = np.linalg.inv(machine.root) if len(place) else np.zeros((0, 0))
-    free, known = len(parameters), fit.slopes[k]
-    found = np.hstack([known[:, :free], known[:, free:] @ back])
+    free, found = len(parameters), derivatives_of(machine, fit)[k]
     moving = np.linalg.norm(difference.split(difference.shared)[k], axis=0) > _VISIBLE
     for i in np.flatnonzero(np.concatenate([np.ones(free, dtype=bool), moving])).tolist():
         ends, places = [], []

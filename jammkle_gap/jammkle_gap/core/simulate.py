@@ -95,6 +95,13 @@ class Sensing(Protocol):
     def knows(self, effect: str, signal: str) -> bool:
         """Return whether it says what one of its effects makes of a signal; if not, the simulator does."""
 
+    def without_references(self) -> Sensing:
+        """Return what is to say it where no healthy run was read, and simulated readings stand in.
+
+        Effects that it does not have are the simulator's there, such as those that change its inputs, too: a motion
+        that drives it, measured late.
+        """
+
     def __call__(
         self, recording: Recording, measured: Mapping[str, NDArray[np.float64]], values: Mapping[str, float]
     ) -> Mapping[str, NDArray[np.float64]]:

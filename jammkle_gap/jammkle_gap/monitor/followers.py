@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -30,21 +29,12 @@ from jammkle_sim.rigs.replay import Bodies, CommandTrack, Timeline, actuation, t
 from jammkle_sim.rigs.rig import imu_at_rest, laws_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_sim.rigs.replay import BodyTrack
     from jammkle_sim.rigs.rig import Rig
-
-
-class Subsystem(enum.Enum):
-    """Parts of the ankle that can be looked at alone."""
-
-    PNEUMATICS = "pneumatics"
-    TENDON = "tendon"
-    MECHANICS = "mechanics"
-    SENSING = "sensing"
 
 
 @dataclass(frozen=True)
@@ -55,6 +45,31 @@ class Residual:
     phase: str
     scaled: NDArray[np.float64]
     """In units of the noise, shape (n,)."""
+
+
+def residual_of(
+    signal: str,
+    phase: str,
+    samples: tuple[NDArray[np.float64], NDArray[np.float64]],
+    grid_s: NDArray[np.floating[Any]],
+    runs: Sequence[NDArray[np.float64]],
+    noise: float,
+) -> Residual:
+    """Return the residual of a signal beside its simulation.
+
+    Args:
+        signal: Its name.
+        phase: Of the stretch.
+        samples: Times, s, and what was measured, each of shape (n,).
+        grid_s: Times of the runs, s.
+        runs: What was simulated, the most likely first; by how much the others differ from it counts as noise.
+        noise: Standard deviation of a sample.
+
+    """
+    time_s, measured = samples
+    made = [np.interp(time_s, grid_s, run) for run in runs]
+    apart = np.max([np.abs(each - made[0]) for each in made], axis=0)
+    return Residual(signal, phase, (measured - made[0]) / np.hypot(noise, apart))
 
 
 @dataclass(frozen=True)
@@ -68,13 +83,10 @@ class Stretch:
 class Follower(Protocol):
     """One subsystem, simulated from its measured inputs stretch after stretch."""
 
-    @property
-    def subsystem(self) -> Subsystem:
-        """Which one."""
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Topics that it cannot do without."""
+    subsystem: ClassVar[str]
+    """Its name."""
+    inputs: ClassVar[tuple[str, ...]]
+    """Topics that it cannot do without."""
 
     def begin(self, tracks: Tracks, time_s: float) -> None:
         """Start from what is measured at a time, whatever was before."""
@@ -160,21 +172,8 @@ class Track:
         return found
 
 
-class Tracks:
-    """Samples of every topic, by its relative name."""
-
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self._tracks: dict[str, Track] = {}
-
-    def of(self, topic: str) -> Track:
-        """Return the samples of a topic; there may be none."""
-        return self._tracks.setdefault(topic, Track())
-
-    def forget_before(self, time_s: float) -> None:
-        """Leave out what is older; see `Track.forget_before`."""
-        for track in self._tracks.values():
-            track.forget_before(time_s)
+Tracks = defaultdict[str, Track]
+"""Samples of every topic, by its relative name; there may be none of one."""
 
 
 STILL_M_S = 0.002
@@ -185,7 +184,7 @@ _IMPACT_M_S = 0.2
 
 def phase_of_motion(tracks: Tracks, stretch: Stretch) -> str:
     """Return `still`, `moving` or `impact`; `unknown` where the slide is not measured."""
-    time_s, way_m = tracks.of(names.JOINT_STATES.name).within(CARRIAGE, stretch.begin_s, stretch.end_s)
+    time_s, way_m = tracks[names.JOINT_STATES.name].within(CARRIAGE, stretch.begin_s, stretch.end_s)
     if len(time_s) < 3:  # noqa: PLR2004 - two speeds
         return "unknown"
     speed_m_s = np.diff(way_m) / np.diff(time_s)
@@ -203,10 +202,11 @@ _STEADY_PA_S = 20e3
 _LARGEST_OFFSET = 3.0
 """Offset of a sensor that is taken off, in standard deviations of what its kind has; what goes beyond is a gap."""
 _VENTED_PA = 2e3
-"""Vacuum below which a volume counts as vented. Assumed: four times what the sensors' offsets scatter."""
+"""Vacuum below which a volume counts as vented, and friction between its fibres for nothing. Assumed: four times what
+the sensors' offsets scatter."""
 
 
-class AirFollower:
+class AirFollower(Follower):
     """Runs the air open from the start on: every volume is drawn or vented, so that no error lasts.
 
     Commands carry no stamp, and reach robot and monitor at times that differ by some milliseconds. As long as the
@@ -216,7 +216,7 @@ class AirFollower:
     What a sensor reads too much while it is vented is taken off, as one zeroes a gauge.
     """
 
-    subsystem = Subsystem.PNEUMATICS
+    subsystem = "pneumatics"
     inputs = (
         names.PUMP_DUTY.name,
         *(topic.name for topic in names.SOLENOIDS.values()),
@@ -248,7 +248,7 @@ class AirFollower:
     def begin(self, tracks: Tracks, time_s: float) -> None:
         """Start from the pressures measured at a time."""
         self._time_s = time_s
-        found = [tracks.of(topic.name).at(_PRESSURE, np.array([time_s]))[0] for topic in _SOURCES] - self._offsets_pa()
+        found = [tracks[topic.name].at(_PRESSURE, np.array([time_s]))[0] for topic in _SOURCES] - self._offsets_pa()
         self._states = [state_at(self._law, np.array(found)) for _ in self._states]
 
     def follow(self, tracks: Tracks, stretch: Stretch) -> list[Residual]:
@@ -261,18 +261,16 @@ class AirFollower:
         self._time_s = float(grid_s[-1])
         residuals: list[Residual] = []
         for i, topic in enumerate(_SOURCES):
-            time_s, measured_pa = tracks.of(topic.name).within(_PRESSURE, stretch.begin_s, stretch.end_s)
+            time_s, measured_pa = tracks[topic.name].within(_PRESSURE, stretch.begin_s, stretch.end_s)
             if not len(time_s):
                 continue
-            made = [np.interp(time_s, grid_s, run[:, i]) for run in runs]
-            timing_pa = np.max([np.abs(each - made[0]) for each in made], axis=0)
-            phase = self._phase(runs[0][:, i], steps * step_s)
+            own = [run[:, i] for run in runs]
+            phase = self._phase(own[0], steps * step_s)
             if phase == "still":
-                self._vented_sum_pa[i] += float((measured_pa - made[0]).sum())
+                self._vented_sum_pa[i] += float((measured_pa - np.interp(time_s, grid_s, own[0])).sum())
                 self._vented_samples[i] += len(time_s)
-            residual_pa = measured_pa - self._offsets_pa()[i] - made[0]
-            scaled = residual_pa / np.hypot(self._noise_pa, timing_pa)
-            residuals.append(Residual(topic.name, phase, scaled))
+            samples = time_s, measured_pa - self._offsets_pa()[i]
+            residuals.append(residual_of(topic.name, phase, samples, grid_s, own, self._noise_pa))
         return residuals
 
     def _offsets_pa(self) -> NDArray[np.float64]:
@@ -284,8 +282,8 @@ class AirFollower:
         """Return absolute pressures at the start and after each step, Pa, shape (steps + 1, VOLUMES)."""
         begin_s = self._time_s - shift_s
         track = CommandTrack(
-            _timeline(tracks.of(names.PUMP_DUTY.name), begin_s),
-            {channel: _timeline(tracks.of(topic.name), begin_s) for channel, topic in names.SOLENOIDS.items()},
+            _timeline(tracks[names.PUMP_DUTY.name], begin_s),
+            {channel: _timeline(tracks[topic.name], begin_s) for channel, topic in names.SOLENOIDS.items()},
         )
         duty, drawing = actuation(self._rig, self._law, track, steps)
         pressure_pa = np.zeros((steps + 1, records.VOLUMES))
@@ -306,18 +304,14 @@ def _timeline(track: Track, begin_s: float) -> Timeline:
     return Timeline(time_s - begin_s, values)
 
 
-_STILL_VENTED_PA = 2e3
-"""Vacuum below which friction between the fibres counts for nothing. Assumed: as for the air."""
-
-
-class TendonFollower:
+class TendonFollower(Follower):
     """Takes every tendon's law through what was measured; it remembers from one stretch to the next.
 
     A jammed tendon pulls by the way that it has come. Where samples of a motion were lost nobody knows that way, and
     nothing is compared until the tendons were vented and still.
     """
 
-    subsystem = Subsystem.TENDON
+    subsystem = "tendon"
     inputs = (names.TENDON_STATES.name, *(topic.name for topic in names.PRESSURES.values()))
 
     def __init__(self, rig: Rig) -> None:
@@ -333,7 +327,7 @@ class TendonFollower:
     def begin(self, tracks: Tracks, time_s: float) -> None:
         """Start as if every tendon had been as long as it is for long."""
         self._time_s, self._is_lost = time_s, False
-        track = tracks.of(names.TENDON_STATES.name)
+        track = tracks[names.TENDON_STATES.name]
         for i, tendon in enumerate(self._rig.tendon_names):
             if f"{tendon}/extension" in track.columns:
                 extension_m = float(track.at(f"{tendon}/extension", np.array([time_s]))[0])
@@ -344,7 +338,7 @@ class TendonFollower:
         steps = round((stretch.end_s - self._time_s) / self._step_s)
         grid_s = self._time_s + self._step_s * np.arange(1, steps + 1)
         self._time_s = float(grid_s[-1])
-        track = tracks.of(names.TENDON_STATES.name)
+        track = tracks[names.TENDON_STATES.name]
         residuals: list[Residual] = []
         phase = phase_of_motion(tracks, stretch)
         has_hole = track.has_hole(stretch.begin_s, stretch.end_s)
@@ -353,15 +347,14 @@ class TendonFollower:
             if f"{tendon}/extension" not in track.columns:
                 continue
             law = self._rig.tendon_laws[i : i + 1]
-            channel = tracks.of(names.PRESSURES[names.CHANNELS[int(law["channel"][0])]].name)
+            channel = tracks[names.PRESSURES[names.CHANNELS[int(law["channel"][0])]].name]
             vacuum_pa = np.maximum(self._ambient_pa - channel.at("pressure", grid_s), 0.0)
             tension_n = np.zeros(steps)
             kernels.tendon_history(law, self._states[i], track.at(f"{tendon}/extension", grid_s), vacuum_pa, tension_n)
             name = f"{tendon}/tension"
-            time_s, measured_n = track.within(name, stretch.begin_s, stretch.end_s)
-            if len(time_s):
-                scaled = (measured_n - np.interp(time_s, grid_s, tension_n)) / self._noise_n
-                residuals.append(Residual(name, phase, scaled))
+            samples = track.within(name, stretch.begin_s, stretch.end_s)
+            if len(samples[0]):
+                residuals.append(residual_of(name, phase, samples, grid_s, [tension_n], self._noise_n))
         if not has_hole and not self._is_lost:
             return residuals
         if self._is_lost and phase == "still" and self._is_vented(tracks, self._time_s):
@@ -369,8 +362,8 @@ class TendonFollower:
         return []
 
     def _is_vented(self, tracks: Tracks, time_s: float) -> bool:
-        readings = [tracks.of(topic.name).at("pressure", np.array([time_s]))[0] for topic in names.PRESSURES.values()]
-        return bool(min(readings) > self._ambient_pa - _STILL_VENTED_PA)
+        readings = [tracks[topic.name].at("pressure", np.array([time_s]))[0] for topic in names.PRESSURES.values()]
+        return bool(min(readings) > self._ambient_pa - _VENTED_PA)
 
 
 _JOINT_NOISE = {ANGLE: 5e-4, SLIDE: 2e-5}
@@ -380,7 +373,7 @@ _HELD_M = 0.002
 """Distance from the height at which the rig holds its slide, within which a slide counts as held. Assumed."""
 
 
-class BodyFollower:
+class BodyFollower(Follower):
     """Puts the bodies where they were measured at the start of every stretch, and pulls as was measured.
 
     Forces are not compared: in contact they follow the smallest error of a measured height. In an impact the pull
@@ -388,7 +381,7 @@ class BodyFollower:
     earlier and later, and what lies between counts as noise.
     """
 
-    subsystem = Subsystem.MECHANICS
+    subsystem = "mechanics"
     inputs = (names.JOINT_STATES.name, names.TENDON_STATES.name)
 
     def __init__(self, rig: Rig) -> None:
@@ -406,7 +399,7 @@ class BodyFollower:
 
     def follow(self, tracks: Tracks, stretch: Stretch) -> list[Residual]:
         """Simulate a stretch from its first measured state, and compare the joints."""
-        joints, tendons = tracks.of(names.JOINT_STATES.name), tracks.of(names.TENDON_STATES.name)
+        joints, tendons = tracks[names.JOINT_STATES.name], tracks[names.TENDON_STATES.name]
         wanted = [f"{name}/position" for name in self._joints]
         pulls = [f"{tendon}/tension" for tendon in self._rig.tendon_names]
         if not set(wanted) <= set(joints.columns) or not set(pulls) <= set(tendons.columns):
@@ -432,14 +425,11 @@ class BodyFollower:
             runs.append(self._bodies.driven(pull_n))
         residuals: list[Residual] = []
         for name, signal in zip(self._joints, wanted, strict=True):
-            time_s, measured = joints.within(signal, stretch.begin_s, stretch.end_s)
-            if len(time_s):
-                made = [np.interp(time_s, grid_s, run.position(name)) for run in runs]
-                noise = np.hypot(
-                    _JOINT_NOISE[SLIDE if quantity_of(signal) == SLIDE else ANGLE],
-                    np.max([np.abs(each - made[0]) for each in made], axis=0),
-                )
-                residuals.append(Residual(signal, phase, (measured - made[0]) / noise))
+            samples = joints.within(signal, stretch.begin_s, stretch.end_s)
+            if len(samples[0]):
+                noise = _JOINT_NOISE[SLIDE if quantity_of(signal) == SLIDE else ANGLE]
+                own = [run.position(name) for run in runs]
+                residuals.append(residual_of(signal, phase, samples, grid_s, own, noise))
         return residuals
 
 
@@ -448,10 +438,10 @@ _SETTLE_S = 0.1
 _AXES = tuple(f"specific_force_{axis}" for axis in "xyz") + tuple(f"angular_velocity_{axis}" for axis in "xyz")
 
 
-class SensingFollower:
+class SensingFollower(Follower):
     """Compares the IMU with gravity while the slide, which carries it, stands still."""
 
-    subsystem = Subsystem.SENSING
+    subsystem = "sensing"
     inputs = (names.IMU.name, names.JOINT_STATES.name)
 
     def __init__(self, rig: Rig) -> None:
@@ -474,7 +464,7 @@ class SensingFollower:
             return []
         if stretch.begin_s < self._still_since_s + _SETTLE_S:
             return []
-        track = tracks.of(names.IMU.name)
+        track = tracks[names.IMU.name]
         residuals: list[Residual] = []
         for axis, expected, noise in zip(_AXES, self._at_rest.tolist(), self._noise, strict=True):
             _, measured = track.within(axis, stretch.begin_s, stretch.end_s)

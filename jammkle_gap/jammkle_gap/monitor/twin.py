@@ -12,15 +12,23 @@ import numpy as np
 
 from jammkle_common import names
 from jammkle_gap.ankle.inputs import FALLING_RIGS, AnkleInputs, nominal_rig
-from jammkle_gap.monitor.followers import AirFollower, BodyFollower, SensingFollower, Stretch, TendonFollower, Tracks
+from jammkle_gap.monitor.followers import (
+    AirFollower,
+    BodyFollower,
+    SensingFollower,
+    Stretch,
+    TendonFollower,
+    Track,
+    Tracks,
+)
 from jammkle_sim.rigs.replay import CommandTrack, Timeline, timestep_s
 from jammkle_sim.rigs.simulation import UnstableSimulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from jammkle_gap.ankle.inputs import Options
-    from jammkle_gap.monitor.followers import Follower, Residual
+    from jammkle_gap.monitor.followers import Follower
     from jammkle_gap.monitor.parameters import GapMonitorParameters
 
 
@@ -33,47 +41,6 @@ class Worst:
     """Root mean square of measured less simulated over the window, noise units."""
     phase: str
     """In which most of its squares lie."""
-
-
-class GapWindow:
-    """Squares of the residuals of one subsystem."""
-
-    def __init__(self, length_s: float) -> None:
-        """Begin with nothing; what is older than `length_s` is left out."""
-        self._length_s = length_s
-        self._parts: deque[tuple[float, str, str, float, int]] = deque()
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._parts.clear()
-
-    def add(self, end_s: float, residuals: Sequence[Residual]) -> None:
-        """Take the residuals of a stretch that ended at a time."""
-        for each in residuals:
-            squares = float(np.sum(each.scaled**2))
-            self._parts.append((end_s, each.signal, each.phase, squares, len(each.scaled)))
-        while self._parts and self._parts[0][0] <= end_s - self._length_s:
-            self._parts.popleft()
-
-    def gaps(self) -> dict[str, float]:
-        """Return the gap of every signal that was compared, noise units."""
-        sums: dict[str, tuple[float, int]] = {}
-        for _, signal, _, squares, count in self._parts:
-            before = sums.get(signal, (0.0, 0))
-            sums[signal] = (before[0] + squares, before[1] + count)
-        return {signal: math.sqrt(squares / count) for signal, (squares, count) in sums.items()}
-
-    def worst(self) -> Worst | None:
-        """Return the signal that is off most; None if nothing was compared."""
-        gaps = self.gaps()
-        if not gaps:
-            return None
-        name = max(gaps, key=lambda signal: gaps[signal])
-        phases: dict[str, float] = {}
-        for _, signal, phase, squares, _ in self._parts:
-            if signal == name:
-                phases[phase] = phases.get(phase, 0.0) + squares
-        return Worst(name, gaps[name], max(phases, key=lambda phase: phases[phase]))
 
 
 STRETCH_S = 0.1
@@ -112,8 +79,6 @@ class SubsystemReport:
     """By signal, noise units."""
     missing: tuple[str, ...] = ()
     """Topics without which it cannot be followed."""
-    wide_s: float = 0.0
-    """For how long the gap has been above the limit, s."""
 
 
 class GapMonitor:
@@ -135,7 +100,7 @@ class GapMonitor:
         built = nominal_rig(AnkleInputs(rig, options, CommandTrack(nothing, {})))
         self._step_s = timestep_s(built)
         self._parameters = parameters
-        self._tracks = Tracks()
+        self._tracks: Tracks = Tracks(Track)
         self._received_s: dict[str, float] = {}
         self._acknowledged = False
         self._air = AirFollower(built, parameters.command_jitter_s)
@@ -143,7 +108,7 @@ class GapMonitor:
         if rig in FALLING_RIGS:
             followers.append(BodyFollower(built))
         followers.append(SensingFollower(built))
-        self._parts = [_Part(each, GapWindow(parameters.window_s)) for each in followers]
+        self._parts = [_Part(each, parameters) for each in followers]
 
     def take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
         """Take a sample; a command is left out once the hardware tells of its commands by itself.
@@ -176,9 +141,9 @@ class GapMonitor:
 
     def _take(self, topic: str, time_s: float, values: Mapping[str, float], now_s: float) -> None:
         self._received_s[topic] = now_s
-        if time_s < self._tracks.of(topic).last_s - _MEMORY_S:  # the clock was set back: a new run
+        if time_s < self._tracks[topic].last_s - _MEMORY_S:  # the clock was set back: a new run
             self._forget()
-        self._tracks.of(topic).add(time_s, values)
+        self._tracks[topic].add(time_s, values)
 
     def advance(self, now_s: float) -> bool:
         """Simulate one stretch of one subsystem, the one that is furthest behind.
@@ -200,8 +165,10 @@ class GapMonitor:
             part.start(self._tracks, newest_s)
             return True
         stretch = Stretch(part.time_s, part.time_s + round(STRETCH_S / self._step_s) * self._step_s)
-        part.follow(self._tracks, stretch, self._parameters.limit)
-        self._tracks.forget_before(min(each.time_s for each in self._parts if each.started) - _MEMORY_S)
+        part.follow(self._tracks, stretch)
+        oldest_s = min(each.time_s for each in self._parts if each.started) - _MEMORY_S
+        for track in self._tracks.values():
+            track.forget_before(oldest_s)
         return True
 
     def reports(self, now_s: float) -> list[SubsystemReport]:
@@ -209,15 +176,14 @@ class GapMonitor:
         return [self._report(part, now_s) for part in self._parts]
 
     def _report(self, part: _Part, now_s: float) -> SubsystemReport:
-        name, missing = part.follower.subsystem.value, self._missing(part, now_s)
+        name, missing = part.follower.subsystem, self._missing(part, now_s)
         if missing:
             return SubsystemReport(name, GapState.STALE, None, missing=missing)
-        worst = part.window.worst()
+        worst = part.worst()
         if worst is None:
             return SubsystemReport(name, GapState.WAITING, None)
-        wide_s = part.wide_s
-        state = GapState.WIDE if wide_s >= self._parameters.hold_s else GapState.CLOSE
-        return SubsystemReport(name, state, worst, part.window.gaps(), wide_s=wide_s)
+        state = GapState.WIDE if part.wide_s >= self._parameters.hold_s else GapState.CLOSE
+        return SubsystemReport(name, state, worst, part.gaps())
 
     def _missing(self, part: _Part, now_s: float) -> tuple[str, ...]:
         """Return the topics of which nothing came lately; a command that is not repeated holds until the next one."""
@@ -230,7 +196,7 @@ class GapMonitor:
 
     def _newest_s(self, part: _Part) -> float:
         streams = [topic for topic in part.follower.inputs if self._is_stream(topic)]
-        return min(self._tracks.of(topic).last_s for topic in streams) - _LATE_S
+        return min(self._tracks[topic].last_s for topic in streams) - _LATE_S
 
     def _is_stream(self, topic: str) -> bool:
         """Tell whether a topic says by its silence that something is wrong."""
@@ -240,26 +206,29 @@ class GapMonitor:
         newest_s = self._newest_s(part)
         if part.started:
             return newest_s >= part.time_s + STRETCH_S
-        return newest_s >= max(self._tracks.of(topic).first_s for topic in part.follower.inputs)
+        return newest_s >= max(self._tracks[topic].first_s for topic in part.follower.inputs)
 
     def _forget(self) -> None:
-        self._tracks = Tracks()
+        self._tracks = Tracks(Track)
         for part in self._parts:
             part.stop()
 
 
 class _Part:
-    """One subsystem: how far it has been followed, and what came out."""
+    """One subsystem: how far it has been followed, and the squares of its residuals in the window until then."""
 
-    def __init__(self, follower: Follower, window: GapWindow) -> None:
+    def __init__(self, follower: Follower, parameters: GapMonitorParameters) -> None:
         self.follower = follower
-        self.window = window
+        self._parameters = parameters
         self.started = False
         self.time_s = 0.0
         self._close_s = 0.0
+        self._squares: deque[tuple[float, str, str, float, int]] = deque()
+        """By stretch and signal: end of the stretch, s, signal, phase, sum of the squares, and of how many samples."""
 
     @property
     def wide_s(self) -> float:
+        """For how long the gap has been above the limit, s."""
         return self.time_s - self._close_s if self.started else 0.0
 
     def start(self, tracks: Tracks, time_s: float) -> None:
@@ -269,15 +238,39 @@ class _Part:
 
     def stop(self) -> None:
         self.started = False
-        self.window.clear()
+        self._squares.clear()
 
-    def follow(self, tracks: Tracks, stretch: Stretch, limit: float) -> None:
+    def follow(self, tracks: Tracks, stretch: Stretch) -> None:
         try:
             residuals = self.follower.follow(tracks, stretch)
         except UnstableSimulationError:  # from a state that is none; the next one may be
             residuals = []
         self.time_s = stretch.end_s
-        self.window.add(stretch.end_s, residuals)
-        worst = self.window.worst()
-        if worst is None or worst.gap <= limit:
-            self._close_s = stretch.end_s
+        for each in residuals:
+            squares = float(np.sum(each.scaled**2))
+            self._squares.append((self.time_s, each.signal, each.phase, squares, len(each.scaled)))
+        while self._squares and self._squares[0][0] <= self.time_s - self._parameters.window_s:
+            self._squares.popleft()
+        worst = self.worst()
+        if worst is None or worst.gap <= self._parameters.limit:
+            self._close_s = self.time_s
+
+    def gaps(self) -> dict[str, float]:
+        """Return the gap of every signal that was compared, noise units."""
+        sums: dict[str, tuple[float, int]] = {}
+        for _, signal, _, squares, count in self._squares:
+            before = sums.get(signal, (0.0, 0))
+            sums[signal] = (before[0] + squares, before[1] + count)
+        return {signal: math.sqrt(squares / count) for signal, (squares, count) in sums.items()}
+
+    def worst(self) -> Worst | None:
+        """Return the signal that is off most; None if nothing was compared."""
+        gaps = self.gaps()
+        if not gaps:
+            return None
+        name = max(gaps, key=lambda signal: gaps[signal])
+        phases: dict[str, float] = {}
+        for _, signal, phase, squares, _ in self._squares:
+            if signal == name:
+                phases[phase] = phases.get(phase, 0.0) + squares
+        return Worst(name, gaps[name], max(phases, key=lambda phase: phases[phase]))

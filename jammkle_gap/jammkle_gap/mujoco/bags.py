@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from jammkle_common.bags.reading import BagReader
     from jammkle_common.bags.storage import Connection
-    from jammkle_gap.mujoco.runs import RobotMap, Senses, Tracks
+    from jammkle_gap.mujoco.runs import RobotMap, Tracks
 
 _STATE = "sensor_msgs/msg/JointState"
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -31,6 +31,8 @@ _ARRAY = "std_msgs/msg/Float64MultiArray"
 _STATES_END = "joint_states"
 _IMU, _WRENCH = "sensor_msgs/msg/Imu", "geometry_msgs/msg/WrenchStamped"
 _ODOMETRY = "nav_msgs/msg/Odometry"
+_Samples = dict[tuple[str, Quantity], list[tuple[float, float]]]
+"""By joint and quantity, times and values."""
 
 
 def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
@@ -52,7 +54,7 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         times = BagTimes(reader)
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
-        sensed = _Sensed(given)
+        sensed: dict[tuple[str, Sense], list[tuple[float, ...]]] = {}
         moving = [each for each in reader.connections if each.msgtype == _ODOMETRY and each.msgcount]
         if given.base is not Base.HELD and len({each.topic for each in moving}) > 1:
             msg = f"bag {path} holds odometry on {', '.join(sorted(each.topic for each in moving))}"
@@ -69,7 +71,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                 commands.take(connection.msgtype, time_s, message)
                 continue
             if connection in sensing:
-                sensed.take(connection, time_s, message)
+                name = connection.topic if connection.topic in given.sensors else message.header.frame_id
+                for sense, vector in _vectors(connection.msgtype, message):
+                    sensed.setdefault((name, sense), []).append((time_s, vector.x, vector.y, vector.z))
                 continue
             if connection in moving:
                 at, turn = message.pose.pose.position, message.pose.pose.orientation
@@ -78,20 +82,15 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
             states.take(connection, time_s, message)
         notes = [*commands.notes, *times.doubts.values()]
     measured = states.tracks()
-    base = tuple(_rising(poses))
-    return checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), sensed.tracks(), base))
+    senses = {key: axes for key, rows in sensed.items() if (axes := _rising(rows))}
+    return checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), senses, _rising(poses)))
 
 
 class _States:
     """Joint states by joint and quantity."""
 
     def __init__(self, reader: BagReader, path: Path, given: RobotMap) -> None:
-        """Find their topics.
-
-        Raises:
-            BadRecordingError: there are none, or not the one that the map names.
-
-        """
+        """Find their topics."""
         self._path = path
         found = [each for each in reader.connections if each.msgtype == _STATE and each.topic.endswith(_STATES_END)]
         if not found:
@@ -105,34 +104,57 @@ class _States:
                 raise BadRecordingError(self._which("joint states"))
         self.connections = found
         self._found_on: dict[str, str] = {}
-        self._samples: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
+        self._samples: _Samples = {}
 
     def _which(self, what: str) -> str:
         return f"bag {self._path} holds {what} on {self._topics}; name one of these in the map (states: /joint_states)"
 
     def take(self, connection: Connection, time_s: float, message: Any) -> None:
-        """Take a message.
-
-        Raises:
-            BadRecordingError: another topic has the same joint.
-
-        """
+        """Take a message."""
         for joint in message.name:
             if self._found_on.setdefault(joint, connection.topic) != connection.topic:
                 raise BadRecordingError(self._which(f"joint {joint} twice,"))
-        for quantity, row in _rows(message):
-            for joint, value in zip(message.name, row, strict=False):
-                if np.isfinite(value):
-                    times, values = self._samples.setdefault((joint, quantity), ([], []))
-                    times.append(time_s)
-                    values.append(float(value))
+        _take_joints(self._samples, time_s, message)
 
     def tracks(self) -> Tracks:
-        """Return all readings."""
-        return {key: _in_order(self._path, key, *lists) for key, lists in self._samples.items()}
+        """Return all readings by rising times."""
+        found = {}
+        for key, samples in self._samples.items():
+            track = _sorted(samples)
+            kept = np.concatenate(([True], np.diff(track.time_s) > 0.0))
+            if kept.mean() < _MOSTLY:
+                share = f"{100.0 * (1.0 - kept.mean()):.0f} %"
+                msg = f"bag {self._path}: {share} of the stamps of joint {key[0]} do not rise"
+                msg += "; record one publisher with a steady clock"
+                raise BadRecordingError(msg)
+            found[key] = Track(track.time_s[kept], track.values[kept])
+        return found
 
 
-def _rising(rows: Sequence[tuple[float, ...]]) -> list[Track]:
+_MOSTLY = 0.99
+"""Share of a joint's stamps that must rise."""
+
+
+def _take_joints(samples: _Samples, time_s: float, message: Any) -> None:
+    """Take what a JointState says of each joint."""
+    for quantity in Quantity:
+        _take(samples, time_s, message.name, quantity, getattr(message, quantity.value))
+
+
+def _take(samples: _Samples, time_s: float, joints: Sequence[str], quantity: Quantity, row: Iterable[float]) -> None:
+    for joint, value in zip(joints, row, strict=False):
+        if np.isfinite(value):
+            samples.setdefault((joint, quantity), []).append((time_s, float(value)))
+
+
+def _sorted(samples: Sequence[tuple[float, float]]) -> Track:
+    """Return samples by time; those of the same time in the order in which they came."""
+    table = np.array(samples)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    return Track(table[:, 0], table[:, 1])
+
+
+def _rising(rows: Sequence[tuple[float, ...]]) -> tuple[Track, ...]:
     """Return the columns of rows that begin with a time; those whose time does not rise, or no numbers, are left out.
 
     Returns:
@@ -142,43 +164,18 @@ def _rising(rows: Sequence[tuple[float, ...]]) -> list[Track]:
     table = np.array(sorted(rows))
     table = table[np.isfinite(table).all(axis=1)] if len(table) else table
     table = table[np.concatenate(([True], np.diff(table[:, 0]) > 0.0))] if len(table) else table
-    return [Track(table[:, 0], column) for column in table.T[1:]] if len(table) >= FEWEST else []
+    return tuple(Track(table[:, 0], column) for column in table.T[1:]) if len(table) >= FEWEST else ()
 
 
-class _Sensed:
-    """Readings of IMUs and of force and torque, by topic where the map names it, else by frame."""
-
-    def __init__(self, given: RobotMap) -> None:
-        self._given = given
-        self._rows: dict[tuple[str, Sense], list[tuple[float, float, float, float]]] = {}
-
-    def take(self, connection: Connection, time_s: float, message: Any) -> None:
-        """Take a message."""
-        name = connection.topic if connection.topic in self._given.sensors else message.header.frame_id
-        if connection.msgtype == _IMU:
-            parts = {Sense.ACCELERATION: message.linear_acceleration, Sense.RATE: message.angular_velocity}
-        else:
-            parts = {Sense.FORCE: message.wrench.force, Sense.TORQUE: message.wrench.torque}
-        for sense, each in parts.items():
-            self._rows.setdefault((name, sense), []).append((time_s, each.x, each.y, each.z))
-
-    def tracks(self) -> Senses:
-        """Return all readings."""
-        found = {}
-        for key, rows in self._rows.items():
-            if axes := _rising(rows):
-                x, y, z = axes
-                found[key] = (x, y, z)
-        return found
+def _vectors(message_type: str, message: Any) -> tuple[tuple[Sense, Any], ...]:
+    """Return what an IMU, or a sensor of force and torque, has read."""
+    if message_type == _IMU:
+        return (Sense.ACCELERATION, message.linear_acceleration), (Sense.RATE, message.angular_velocity)
+    return (Sense.FORCE, message.wrench.force), (Sense.TORQUE, message.wrench.torque)
 
 
 def _commanding(reader: BagReader, path: Path, given: RobotMap) -> list[Connection]:
-    """Return the topic of the commands, if there is one.
-
-    Raises:
-        BadRecordingError: there are several, or not the one that the map names.
-
-    """
+    """Return the topic of the commands, if there is one."""
     found = [
         each
         for each in reader.connections
@@ -199,20 +196,12 @@ def _commanding(reader: BagReader, path: Path, given: RobotMap) -> list[Connecti
     return found
 
 
-def _rows(message: Any) -> Iterable[tuple[Quantity, Any]]:
-    return (
-        (Quantity.POSITION, message.position),
-        (Quantity.VELOCITY, message.velocity),
-        (Quantity.EFFORT, message.effort),
-    )
-
-
 class _Commands:
     """Set points as a controller plays them: a trajectory from its first point on, anything else until the next."""
 
     def __init__(self, order: Sequence[str], quantity: Quantity, bag: str) -> None:
         self._order, self._quantity, self._bag = tuple(order), quantity, bag
-        self._points: dict[tuple[str, Quantity], tuple[list[float], list[float]]] = {}
+        self._points: _Samples = {}
         self._trajectories: dict[tuple[str, Quantity], list[_Trajectory]] = {}
         self.notes: list[str] = []
 
@@ -221,8 +210,7 @@ class _Commands:
         if message_type == _TRAJECTORY:
             self._take_trajectory(time_s, message)
         elif message_type == _STATE:
-            for quantity, row in _rows(message):
-                self._hold(time_s, message.name, quantity, row)
+            _take_joints(self._points, time_s, message)
         else:
             if len(message.data) != len(self._order):
                 msg = f"bag {self._bag} holds commands of {len(message.data)} numbers without names"
@@ -232,14 +220,7 @@ class _Commands:
             note = f"numbers of the commands are taken for the {self._quantity.value} of {', '.join(self._order)}"
             if note not in self.notes:
                 self.notes.append(note)
-            self._hold(time_s, self._order, self._quantity, message.data)
-
-    def _hold(self, time_s: float, names: Sequence[str], quantity: Quantity, row: Any) -> None:
-        for joint, value in zip(names, row, strict=False):
-            if np.isfinite(value):
-                times, values = self._points.setdefault((joint, quantity), ([], []))
-                times.append(time_s)
-                values.append(float(value))
+            _take(self._points, time_s, self._order, self._quantity, message.data)
 
     def _take_trajectory(self, time_s: float, message: Any) -> None:
         lasts = [point.time_from_start for point in message.points]
@@ -260,10 +241,7 @@ class _Commands:
 
     def tracks(self, measured: Tracks) -> Tracks:
         """Return all set points; a joint without any before its first trajectory is where it was measured."""
-        found = {}
-        for key, (times, values) in self._points.items():
-            order = np.argsort(times, kind="stable")
-            found[key] = held(Track(np.array(times)[order], np.array(values)[order]))
+        found = {key: held(_sorted(samples)) for key, samples in self._points.items()}
         for key, trajectories in self._trajectories.items():
             start = measured.get(key) if key[1] is Quantity.POSITION else None
             first = trajectories[0].points[0, 0] if start is None else start.values[0]
@@ -318,23 +296,3 @@ def _played(trajectories: Sequence[_Trajectory], start: float) -> Track:
             times.append(end_s)
             values.append(last)
     return Track(np.array(times), np.array(values))
-
-
-def _in_order(path: Path, key: tuple[str, Quantity], times: list[float], values: list[float]) -> Track:
-    """Return samples by rising times.
-
-    Raises:
-        BadRecordingError: more than a hundredth of them have a time that does not rise.
-
-    """
-    order = np.argsort(times, kind="stable")
-    time_s, read = np.array(times)[order], np.array(values)[order]
-    kept = np.concatenate(([True], np.diff(time_s) > 0.0))
-    if kept.mean() < _MOSTLY:
-        msg = f"bag {path}: {100.0 * (1.0 - kept.mean()):.0f} % of the stamps of joint {key[0]} do not rise"
-        msg += "; record one publisher with a steady clock"
-        raise BadRecordingError(msg)
-    return Track(time_s[kept], read[kept])
-
-
-_MOSTLY = 0.99

@@ -64,11 +64,7 @@ def diagnose_robot(request: RobotRequest) -> int:
     """
     results.check_writable(request.json)
     model, joints = _model_of(request.model)
-    try:
-        request.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"folder {request.folder} cannot be made: {error.strerror}"
-        raise InputError(msg) from error
+    results.make_folder(request.folder)
     stop = StopRequest()
     furthest = 0.0
     try:
@@ -143,12 +139,7 @@ class _ToScreen(logging.Handler):
 
 
 def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
-    """Return the model, and the map that names it, if one does.
-
-    Raises:
-        InputError: there is no such file, or a map that names none.
-
-    """
+    """Return the model, and the map that names it, if one does."""
     if not file.is_file():
         msg = f"--model {file} is no file; give an MJCF, a URDF, or a map that names one (model: robot.xml)"
         raise InputError(msg)

@@ -1,4 +1,4 @@
-"""The corrected model: constants and effects in an MJCF, so far as it can say them, and what it closes when loaded."""
+"""The corrected model: an MJCF with constants and effects, nonidealities in a text of it, and what it closes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jammkle_gap.mujoco.drives import add_motor, joint_of
+from jammkle_gap.mujoco.nonideal import TEXT_NAME, Nonidealities, nonidealities_of, text_of
 from jammkle_gap.mujoco.robot import SENSORS, load, match
 from jammkle_gap.mujoco.runs import Gains
 from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
-from jammkle_gap.mujoco.unsaid import TEXT_NAME, Unsaid, joint_of, text_of, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -45,9 +46,9 @@ class Corrected:
     """A robot with what was found in it."""
 
     xml: str
-    """The user's model with constants and effects, as MJCF; what that cannot say is a text in it, for `Modifier`."""
+    """The user's model with constants and effects, as MJCF; nonidealities are a text in it, for `Modifier`."""
     rest: Mapping[str, Any]
-    """What MJCF cannot say, by field of `Unsaid`; a number, or numbers by joint."""
+    """What MJCF cannot describe, by field of `Nonidealities`; a number, or numbers by joint."""
     gains: Mapping[str, Gains]
     """Of controllers outside of the model."""
     values: Mapping[str, float]
@@ -73,7 +74,7 @@ def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], fo
     spec, model = load(robot.file)
     without = [drive.joint for drive in robot.drives if _actuator_of(model, drive.joint) is None]
     for joint in without:
-        spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+        add_motor(spec, joint)
     model = spec.compile() if without else model
     _put_links(robot, machine.model, model)
     gains = _put_drives(robot, machine.model, model)
@@ -85,7 +86,7 @@ def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], fo
             given = robot.file.resolve().parent / str(getattr(spec.compiler, kind))
             setattr(spec.compiler, kind, os.path.relpath(given, folder.resolve()))
     _put_sensors(robot, model, spec)
-    rest = {each.name: value for each in fields(Unsaid) if (value := getattr(machine, each.name))}
+    rest = {each.name: value for each in fields(Nonidealities) if (value := getattr(machine, each.name))}
     if not robot.drives and "delay_s" in rest:
         # Nobody commands it: positions that come behind efforts are efforts before positions.
         rest["effort_delay_s"] = rest.get("effort_delay_s", 0.0) - rest.pop("delay_s")
@@ -167,7 +168,7 @@ def closing_of(
 
     Args:
         robot: As it was matched.
-        file: Where the model was written; what MJCF cannot say is read from it, too.
+        file: Where the model was written; nonidealities are read from it, too.
         runs: In the model's terms, as `robot` was matched with.
         recordings: Windows of them.
 
@@ -176,27 +177,24 @@ def closing_of(
         BadRobotError: the file cannot be loaded.
 
     """
-    unsaid, gains = unsaid_of(load(file)[1])
-    given = replace(robot.given, gains={**robot.given.gains, **gains})
-    loaded = match(file, runs, given)
-    before, after = _machine(robot), _machine(loaded)
-    for name, value in vars(unsaid).items():
-        setattr(after, name, value)
-    squares: dict[str, list[list[float]]] = {}
-    noise: dict[str, list[float]] = {}
-    units = {}
+    nonideal, gains = nonidealities_of(load(file)[1])
+    loaded = match(file, runs, replace(robot.given, gains={**robot.given.gains, **gains}))
+    nominal, corrected = (RobotSimulator(each, {}).machine({}) for each in (robot, loaded))
+    for name, value in vars(nonideal).items():
+        setattr(corrected, name, value)
+    units: dict[str, str] = {}
+    squares: dict[str, list[tuple[float, ...]]] = {}
     for recording in recordings:
-        nominal, better = run(before, recording), run(after, recording)
+        made = [run(each, recording) for each in (nominal, corrected)]
         for signal in recording.signals:
-            left = [float(np.square(signal.values - made[signal.name]).sum()) for made in (nominal, better)]
-            squares.setdefault(signal.name, []).append([*left, float(len(signal.values))])
-            noise.setdefault(signal.name, []).append(scale_of(signal) ** 2 * len(signal.values))
+            count = len(signal.values)
+            left = [float(np.square(signal.values - each[signal.name]).sum()) for each in made]
+            squares.setdefault(signal.name, []).append((*left, scale_of(signal) ** 2 * count, count))
             units[signal.name] = signal.unit
     found = []
-    for name, parts in squares.items():
-        first, second, count = np.sum(parts, axis=0)
-        nominal, better, own = np.sqrt(np.array([first, second, sum(noise[name])]) / count).tolist()
-        found.append(SignalClosing(name, units[name], nominal, better, own))
+    for name, rows in squares.items():
+        *sums, count = np.sum(rows, axis=0)
+        found.append(SignalClosing(name, units[name], *np.sqrt(np.array(sums) / count).tolist()))
     return tuple(found)
 
 
@@ -210,7 +208,3 @@ def share_left(closing: Sequence[SignalClosing]) -> float:
         for sizes in ([each.nominal for each in closing], [each.corrected for each in closing])
     )
     return float(np.sqrt(corrected / nominal)) if nominal > 0.0 else np.inf if corrected > 0.0 else 0.0
-
-
-def _machine(robot: Robot) -> Machine:
-    return RobotSimulator(robot, {}).machine({})

@@ -6,7 +6,6 @@ diagnosis, which fits them and their pairs with the simulator.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import logging
 from dataclasses import dataclass, replace
@@ -23,13 +22,12 @@ from jammkle_gap.core.result import Candidate, Verdict
 from jammkle_gap.core.simulate import Problem, on_one_thread
 from jammkle_gap.mujoco.bags import run_of_bag
 from jammkle_gap.mujoco.corrected import closing_of, corrected_of, share_left
-from jammkle_gap.mujoco.effects import scales_of
-from jammkle_gap.mujoco.offer import offer_of
+from jammkle_gap.mujoco.drives import joint_of
+from jammkle_gap.mujoco.library import robot_library
 from jammkle_gap.mujoco.robot import load, match
 from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map, run_of_csv
-from jammkle_gap.mujoco.screening import BIN_S, closest, left_by, promising
+from jammkle_gap.mujoco.screening import BIN_S, left_by, promising, refitted
 from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
-from jammkle_gap.mujoco.unsaid import joint_of
 from jammkle_gap.mujoco.windows import lifted, recordings_of, repeats_of
 
 if TYPE_CHECKING:
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.result import Diagnosis
     from jammkle_gap.mujoco.corrected import Corrected, SignalClosing
-    from jammkle_gap.mujoco.offer import Offer
+    from jammkle_gap.mujoco.library import RobotLibrary
     from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import RobotMap
     from jammkle_sim.physics.engine import mujoco
@@ -125,13 +123,11 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     if held_out:
         tried, _ = recordings_of(robot, runs[parts[1] :], window_s, np.inf)
         where = "recordings that were held out"
-    offer = offer_of(robot, scales_of(robot, compared))
-    offered = offer.library.effects
-    if only:
-        offered = tuple(offer.library.effect(name) for name in dict.fromkeys(only))
-    excluded = {offer.library.effect(name).name for name in without}
-    offered = tuple(effect for effect in offered if effect.name not in excluded)
-    simulator = RobotSimulator(robot, offer.changes)
+    every = robot_library(robot, compared)
+    offered = [every.effects.effect(name) for name in dict.fromkeys(only)] or list(every.effects)
+    excluded = {every.effects.effect(name).name for name in without}
+    offer = Library(tuple(effect for effect in offered if effect.name not in excluded))
+    simulator = RobotSimulator(robot, every.changes)
     decided = [
         *robot.notes,
         *dict.fromkeys(note for run in runs for note in run.notes),
@@ -140,13 +136,12 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     ]
     for note in decided:
         _LOG.info(note)
-    library = promising(simulator, offer, Library(offered), compared, jobs, progress)
-    problem = Problem(simulator, library, offer.scatter, offer.constants, bin_s=lambda _: BIN_S)
+    library = promising(simulator, every, offer, compared, jobs, progress)
+    problem = Problem(simulator, library, every.scatter, every.constants, bin_s=lambda _: BIN_S)
     found = diagnose(compared, problem, references=references, jobs=jobs, **options)
     progress("closing the gap", 0.0)
-    tries = [closest(simulator, offer, compared, start, jobs) for start in _starts(offer, found)]
+    tries = [refitted(simulator, every, compared, start, jobs) for start in _starts(every, found)]
     values = min(tries, key=lambda each: left_by(simulator, kept or compared, each)) if len(tries) > 1 else tries[0]
-    within = [name for name in dict.fromkeys(key.partition(".")[0] for key in values) if name in offer.names]
     target = Path(folder) / CORRECTED_NAME
     target.parent.mkdir(parents=True, exist_ok=True)
     corrected = corrected_of(robot, simulator.machine(values), values, target.parent)
@@ -154,16 +149,25 @@ def diagnose_mujoco(  # noqa: PLR0913 - every one is a choice of the user's
     closing = closing_of(robot, target, runs, tried)
     if tried is not compared:
         found = _doubted(found, share_left(closing), where)
+    constants = {each.name for each in every.constants}
+    within = list(dict.fromkeys(key.partition(".")[0] for key in values if key not in constants))
     notes = (
         *decided,
-        f"{len(offered)} effects were screened, and the {len(library.effects)} most promising fitted",
+        f"{len(offer.effects)} effects were screened, and the {len(library.effects)} most promising fitted",
         f"{CORRECTED_NAME} has in it the constants of the machine{_beside(within, found)}",
         f"{CORRECTED_NAME}, loaded again, leaves {_sentence(closing)}, in {where}",
     )
     found = replace(found, notes=(*notes, *(note for note in found.notes if note not in notes)))
-    shared = {name: each for name, each in offer.members.items() if name not in excluded}
     return RobotDiagnosis(
-        found, robot, Library(offered), shared, problem, tuple(compared), tuple(tried), corrected, closing
+        diagnosis=found,
+        robot=robot,
+        library=offer,
+        shared={name: each for name, each in every.members.items() if name not in excluded},
+        problem=problem,
+        recordings=tuple(compared),
+        tried=tuple(tried),
+        corrected=corrected,
+        closing=closing,
     )
 
 
@@ -250,14 +254,14 @@ _TOO_MUCH_LEFT = 0.5
 servo known, whose wrong pair leaves 0.69."""
 
 
-def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:
+def _starts(every: RobotLibrary, found: Diagnosis) -> list[dict[str, float]]:
     """Return where the fit of the corrected model begins: with the best candidate, and without where none is certain.
 
     Where none of the effects is most likely, the likeliest is a lead. The corrected model has it if that leaves less
     where nothing was fitted.
     """
     # Earlier recordings have calibrated the constants, later ones are explained beside them.
-    constants = {each.name: each.null + found.calibration.get(each.name, 0.0) * each.sigma for each in offer.constants}
+    constants = {each.name: each.null + found.calibration.get(each.name, 0.0) * each.sigma for each in every.constants}
     constants.update({each.name: each.value for each in found.constants})
     if found.verdict is Verdict.NO_GAP:
         return [constants]
@@ -266,7 +270,7 @@ def _starts(offer: Offer, found: Diagnosis) -> list[dict[str, float]]:
         return [{**constants, **fitted}]
     lead = next((names for names in found.posterior if names), ())
     begun = {key: each.null + _BEGIN * ((each.maximum if each.maximum > each.null else each.minimum) - each.null)
-             for key, each in offer.library.parameters(lead)}  # fmt: skip
+             for key, each in every.effects.parameters(lead)}  # fmt: skip
     return [{**constants, **(fitted or begun)}, constants]
 
 
@@ -345,8 +349,7 @@ def matched(
     runs = [in_model_terms(run, given) for run in runs]
     names = [run.name for run in runs]
     runs = [
-        dataclasses.replace(run, name=f"{run.name} ({k})") if names.count(run.name) > 1 else run
-        for k, run in enumerate(runs, 1)
+        replace(run, name=f"{run.name} ({k})") if names.count(run.name) > 1 else run for k, run in enumerate(runs, 1)
     ]
     robot = match(model, runs, given)
     return [lifted(robot, run) for run in runs], robot

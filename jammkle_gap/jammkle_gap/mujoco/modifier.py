@@ -1,4 +1,4 @@
-"""Runs a corrected model in anybody's own loop: what its MJCF cannot say is done to set points and readings.
+"""Runs a corrected model in anybody's own loop, with the nonidealities that its MJCF cannot describe.
 
 model = mujoco.MjModel.from_xml_path("out/corrected.xml")
 data, modifier = mujoco.MjData(model), Modifier(model)
@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jammkle_gap.mujoco.robot import SENSORS, actuator_kind
+from jammkle_gap.mujoco.drives import actuator_kind, joint_of, joints_of
+from jammkle_gap.mujoco.nonideal import backlash_offset, nonidealities_of, update_friction
+from jammkle_gap.mujoco.robot import SENSORS
 from jammkle_gap.mujoco.runs import BadRobotError, Gains, Quantity
 from jammkle_gap.mujoco.simulator import FORWARD_FROM_S
-from jammkle_gap.mujoco.unsaid import joint_of, joints_of, lost, rub, unsaid_of
 from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class Modifier:
-    """Does to set points and readings of one run what its model says beside what MuJoCo knows.
+    """Applies the nonidealities of a model to set points and readings of one run.
 
     Set points and readings are of joints and SI, as a controller of ROS would send and read them. A set point is held
     until the next. Its delay is never below 0: commands that a recorder stamped late were no earlier at the robot.
@@ -59,9 +60,9 @@ class Modifier:
 
         """
         self._model = model
-        self._unsaid, gains = unsaid_of(model)
+        self._nonideal, gains = nonidealities_of(model)
         self._step_s = float(model.opt.timestep)
-        late_s, effort_late_s = self._unsaid.delay_s + self._unsaid.arrival_s, self._unsaid.effort_delay_s
+        late_s, effort_late_s = self._nonideal.delay_s + self._nonideal.arrival_s, self._nonideal.effort_delay_s
         # Efforts that come before positions are there when positions are read later, and commands come earlier for it.
         self._lead_s = max(-effort_late_s, 0.0)
         self._late_s, self._effort_late_s = max(late_s - self._lead_s, 0.0), max(effort_late_s, 0.0)
@@ -69,7 +70,7 @@ class Modifier:
         self._places = {name: (int(model.joint(name).qposadr[0]), int(model.joint(name).dofadr[0]))
                         for name in joints_of(model)}  # fmt: skip
         self._senses = _senses_of(model)
-        self._rubbing = self._unsaid.rubbing(model)
+        self._friction_rows = self._nonideal.friction_rows(model)
         self._begin()
 
     def _begin(self) -> None:
@@ -129,8 +130,9 @@ class Modifier:
                 continue
             asked = self._asked[joint] = self._made(joint, drive)
             # The motor turns against the load by half the backlash before it moves it.
-            data.ctrl[drive.actuator] = drive.gear * (asked - self._lost(joint, data))
-        rub(self._rubbing, self._model.dof_frictionloss, data.qfrc_actuator, data.qfrc_bias, data.qvel)
+            data.ctrl[drive.actuator] = drive.gear * (asked - self._backlash(joint, data))
+        friction = self._model.dof_frictionloss
+        update_friction(self._friction_rows, friction, data.qfrc_actuator, data.qfrc_bias, data.qvel)
 
     def _check(self, joint: str, value: float) -> None:
         if joint not in self._drives:
@@ -143,16 +145,16 @@ class Modifier:
 
     def _made(self, joint: str, drive: _Drive) -> float:
         """Return what a drive makes of its set point, on the mean over the next step."""
-        unsaid, step_s = self._unsaid, self._step_s
+        nonideal, step_s = self._nonideal, self._step_s
         point, rate, effort = (self._points[joint, kind] for kind in ("point", "rate", "effort"))
         begin_s = self._time_s - self._late_s
         asked = point.mean(begin_s, step_s)
-        share = unsaid.forward_share.get(joint, 0.0)
+        share = nonideal.forward_share.get(joint, 0.0)
         if share != 0.0:
             ahead_s = min(FORWARD_FROM_S, self._late_s)  # what comes later nobody knows yet
             risen = point.mean(begin_s + ahead_s, step_s) - point.mean(begin_s - FORWARD_FROM_S, step_s)
             asked += drive.lead_s * share * risen / (ahead_s + FORWARD_FROM_S)
-        lag_s = unsaid.set_point_lag_s.get(joint, 0.0)
+        lag_s = nonideal.set_point_lag_s.get(joint, 0.0)
         if lag_s > 0.0:
             before = self._lagging.get(joint, asked) - asked
             left = math.exp(-step_s / lag_s)
@@ -161,20 +163,20 @@ class Modifier:
         if rate.times_s:
             asked += drive.lead_s * rate.mean(begin_s, step_s)
         if effort.times_s:
-            asked += drive.per_effort * unsaid.fed_share.get(joint, 1.0) * effort.mean(begin_s, step_s)
+            asked += drive.per_effort * nonideal.fed_share.get(joint, 1.0) * effort.mean(begin_s, step_s)
         for each in (point, rate, effort):
             each.forget(begin_s - FORWARD_FROM_S)
         if drive.quantity is Quantity.EFFORT:
             return asked
         # Drives regulate what their encoders read.
-        zero = unsaid.offset.get(joint, 0.0) if drive.quantity is Quantity.POSITION else 0.0
-        return (asked - zero) / unsaid.scale.get(joint, 1.0)
+        zero = nonideal.offset.get(joint, 0.0) if drive.quantity is Quantity.POSITION else 0.0
+        return (asked - zero) / nonideal.scale.get(joint, 1.0)
 
-    def _lost(self, joint: str, data: mujoco.MjData) -> float:
-        width = self._unsaid.slack.get(joint, 0.0)
+    def _backlash(self, joint: str, data: mujoco.MjData) -> float:
+        width = self._nonideal.slack.get(joint, 0.0)
         if width == 0.0 or joint not in self._asked:
             return 0.0
-        return lost(self._asked[joint], float(data.qpos[self._places[joint][0]]), 0.5 * width)
+        return backlash_offset(self._asked[joint], float(data.qpos[self._places[joint][0]]), 0.5 * width)
 
     def positions(self, data: mujoco.MjData) -> dict[str, float]:
         """Return what encoders read, by joint, rad or m."""
@@ -194,18 +196,20 @@ class Modifier:
 
     def stamp_s(self, data: mujoco.MjData) -> float:
         """Return the time that a reading of now is stamped with by its own clock, s."""
-        return float(data.time) / (1.0 + self._unsaid.clock_rate)
+        return float(data.time) / (1.0 + self._nonideal.clock_rate)
 
     def _now(self, data: mujoco.MjData) -> tuple[Array, Array, Array]:
         """Return positions and efforts, shape (joints,), and readings of sensors at sites, shape (sensors, 3)."""
-        unsaid = self._unsaid
+        nonideal = self._nonideal
         positions: list[float] = []
         efforts: list[float] = []
         for joint, (angle, dof) in self._places.items():
             effort = float(data.qfrc_actuator[dof])
-            positions.append(unsaid.read_position(joint, float(data.qpos[angle]) + self._lost(joint, data), effort))
-            efforts.append(unsaid.effort_scale.get(joint, 1.0) * effort)
-        felt = [unsaid.feel(site, sense, data.sensordata[at : at + 3]) for site, sense, at in self._senses]
+            positions.append(
+                nonideal.read_position(joint, float(data.qpos[angle]) + self._backlash(joint, data), effort)
+            )
+            efforts.append(nonideal.effort_scale.get(joint, 1.0) * effort)
+        felt = [nonideal.read_sensor(site, sense, data.sensordata[at : at + 3]) for site, sense, at in self._senses]
         return np.array(positions), np.array(efforts), np.array(felt)
 
     def _keep(self, data: mujoco.MjData) -> None:
@@ -289,36 +293,30 @@ def _senses_of(model: mujoco.MjModel) -> list[tuple[str, Sense, int]]:
     ]
 
 
-@dataclass
 class _Held:
     """A number that stays as it is until the next, and at first is as the first was before."""
 
-    times_s: list[float] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    areas: list[float] = field(default_factory=list)
-    """Of it over time, from the first until each of the times."""
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        self._values: list[float] = []
 
     def put(self, time_s: float, value: float) -> None:
         """Take a number for what comes from a time on, which is not before the last."""
-        if self.values and value == self.values[-1]:
-            return
-        self.areas.append(self._area(time_s))
-        self.times_s.append(time_s)
-        self.values.append(value)
+        if not self._values or value != self._values[-1]:
+            self.times_s.append(time_s)
+            self._values.append(value)
 
     def mean(self, begin_s: float, width_s: float) -> float:
         """Return the mean over a stretch."""
         if begin_s >= self.times_s[-1]:
-            return self.values[-1]
-        return (self._area(begin_s + width_s) - self._area(begin_s)) / width_s
-
-    def _area(self, time_s: float) -> float:
-        if not self.times_s:
-            return 0.0
-        last = max(bisect_right(self.times_s, time_s) - 1, 0)
-        return self.areas[last] + (time_s - self.times_s[last]) * self.values[last]
+            return self._values[-1]
+        end_s = begin_s + width_s
+        first, last = (max(bisect_right(self.times_s, at_s) - 1, 0) for at_s in (begin_s, end_s))
+        ends = [begin_s, *self.times_s[first + 1 : last + 1], end_s]
+        spans = zip(ends, ends[1:], self._values[first : last + 1], strict=False)
+        return sum((until - since) * value for since, until, value in spans) / width_s
 
     def forget(self, time_s: float) -> None:
         """Forget what was before a time."""
         while len(self.times_s) > 1 and self.times_s[1] <= time_s:
-            del self.times_s[0], self.values[0], self.areas[0]
+            del self.times_s[0], self._values[0]

@@ -49,6 +49,11 @@ class Sense(Enum):
     TORQUE = "torque"
     """N m."""
 
+    @property
+    def unit(self) -> str:
+        """Of its readings."""
+        return {Sense.ACCELERATION: "m/s^2", Sense.RATE: "rad/s", Sense.FORCE: "N", Sense.TORQUE: "N m"}[self]
+
 
 AXES = ("x", "y", "z")
 
@@ -105,9 +110,7 @@ class Track:
 
 Tracks = dict[tuple[str, Quantity], Track]
 """By joint and quantity."""
-
-
-Senses = dict[tuple[str, Sense], tuple[Track, Track, Track]]
+Senses = dict[tuple[str, Sense], tuple[Track, ...]]
 """By site and sense, along x, y and z of the site."""
 
 
@@ -164,7 +167,7 @@ class RobotMap:
     """By recorded name; those not in it have the model's names."""
     locked: tuple[str, ...] = ()
     """Joints of the model that are held."""
-    carried: tuple[str, ...] = ()
+    prescribed: tuple[str, ...] = ()
     """Joints of the model that move as they were measured, whatever acts on them."""
     degrees: bool | None = None
     """Whether angles are in degrees; None: radians, and doubted where the model's limits say so."""
@@ -216,77 +219,81 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
         raise BadRobotError(msg) from error
 
 
-def _map_of(table: dict[str, Any], where: str) -> RobotMap:
+def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
     _check_keys(table, _KEYS, where)
     joints: dict[str, JointMap] = {}
-    locked, carried = [], []
-    for name, said in dict(table.get("joints") or {}).items():
-        if said == _LOCKED:
-            locked.append(str(name))
-        elif said == _MEASURED:
-            carried.append(str(name))
-        elif isinstance(said, str):
-            joints[str(name)] = JointMap(said)
+    fixed: dict[str, list[str]] = {_LOCKED: [], _MEASURED: []}
+    for name, given in _part(table, "joints").items():
+        if isinstance(given, str) and given in fixed:
+            fixed[given].append(name)
         else:
-            _check_keys(said, ("model", "sign", "offset"), f"{where}, joint {name}")
-            sign = float(said.get("sign", 1.0))
-            if abs(sign) != 1.0:
-                msg = f"{where}, joint {name}: sign {sign:g} must be 1 or -1"
-                raise BadRobotError(msg)
-            joints[str(name)] = JointMap(str(said.get("model", name)), sign, float(said.get("offset", 0.0)))
-    commands = dict(table.get("commands") or {})
+            joints[name] = _joint_of(name, given, f"{where}, joint {name}")
+    commands = _part(table, "commands")
     _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
-    gains = {}
-    for name, said in dict(table.get("gains") or {}).items():
-        gains[str(name)] = _gains_of(said, f"{where}, gains of {name}")
-    tolerances = {str(name): float(value) for name, value in dict(table.get("tolerances") or {}).items()}
+    tolerances = {name: float(value) for name, value in _part(table, "tolerances").items()}
     _check_keys(tolerances, TOLERATED, f"{where}, tolerances")
     for name, value in tolerances.items():
         if not 0.0 < value < 1.0:
             msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
             raise BadRobotError(msg)
     senses = table.get("sensors") != _NO_SENSORS
+    sensors = _part(table, "sensors") if senses else {}
     return RobotMap(
-        joints,
-        tuple(locked),
-        tuple(carried),
-        _in_degrees(table, where),
-        _in_degrees(commands, f"{where}, commands"),
-        table.get("states"),
-        commands.get("topic"),
-        tuple(map(str, commands.get("order") or ())),
-        _choice(Quantity, commands.get("quantity", "position"), f"{where}, commands: quantity"),
-        gains,
-        {str(name): float(value) for name, value in dict(table.get("torque_constants") or {}).items()},
-        _choice(Base, table.get("base", "held"), f"{where}: base"),
-        {
-            _choice(Quantity, name, f"{where}, noise:"): float(value)
-            for name, value in dict(table.get("noise") or {}).items()
+        joints=joints,
+        locked=tuple(fixed[_LOCKED]),
+        prescribed=tuple(fixed[_MEASURED]),
+        degrees=_in_degrees(table, where),
+        command_degrees=_in_degrees(commands, f"{where}, commands"),
+        states=table.get("states"),
+        topic=commands.get("topic"),
+        order=tuple(map(str, commands.get("order") or ())),
+        quantity=_choice(Quantity, commands.get("quantity", "position"), f"{where}, commands: quantity"),
+        gains={name: _gains_of(each, f"{where}, gains of {name}") for name, each in _part(table, "gains").items()},
+        torque_constants={name: float(value) for name, value in _part(table, "torque_constants").items()},
+        base=_choice(Base, table.get("base", "held"), f"{where}: base"),
+        noise={
+            _choice(Quantity, name, f"{where}, noise:"): float(each) for name, each in _part(table, "noise").items()
         },
-        tolerances,
-        {str(name): _sensor_of(said, f"{where}, sensor {name}") for name, said in _table(table, "sensors").items()},
-        senses,
+        tolerances=tolerances,
+        sensors={name: _sensor_of(each, f"{where}, sensor {name}") for name, each in sensors.items()},
+        senses=senses,
     )
 
 
-def _gains_of(said: Any, where: str) -> Gains:
-    if not isinstance(said, dict) or not said:
-        msg = f"{where} are '{said}'; write {{kp: ..., kd: ...}}, of a velocity controller kd alone"
+def _part(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return a table within a table; empty if there is none."""
+    return {str(name): value for name, value in dict(table.get(key) or {}).items()}
+
+
+def _joint_of(name: str, given: Any, where: str) -> JointMap:
+    if isinstance(given, str):
+        return JointMap(given)
+    _check_keys(given, ("model", "sign", "offset"), where)
+    sign = float(given.get("sign", 1.0))
+    if abs(sign) != 1.0:
+        msg = f"{where}: sign {sign:g} must be 1 or -1"
         raise BadRobotError(msg)
-    _check_keys(said, ("kp", "kd"), where)
-    found = Gains(float(said.get("kp", 0.0)), float(said.get("kd", 0.0)))
+    return JointMap(str(given.get("model", name)), sign, float(given.get("offset", 0.0)))
+
+
+def _gains_of(given: Any, where: str) -> Gains:
+    if not isinstance(given, dict) or not given:
+        msg = f"{where} are '{given}'; write {{kp: ..., kd: ...}}, of a velocity controller kd alone"
+        raise BadRobotError(msg)
+    _check_keys(given, ("kp", "kd"), where)
+    found = Gains(float(given.get("kp", 0.0)), float(given.get("kd", 0.0)))
     if not (found.kp >= 0.0 and found.kd >= 0.0 and found.kp + found.kd > 0.0):
         msg = f"{where}: kp {found.kp:g} and kd {found.kd:g} must be at least 0, and one of them above"
         raise BadRobotError(msg)
     return found
 
 
-def _choice(kind: type[_Kind], said: Any, where: str) -> _Kind:
+def _choice(kind: type[_Kind], given: Any, where: str) -> _Kind:
     known = {each.value: each for each in kind}
-    if said not in known:
-        msg = f"{where} '{said}' must be one of {', '.join(map(str, known))}"
+    if given not in known:
+        msg = f"{where} '{given}' must be one of {', '.join(map(str, known))}"
         raise BadRobotError(msg)
-    return known[said]
+    return known[given]
 
 
 def _in_degrees(table: Mapping[str, Any], where: str) -> bool | None:
@@ -297,16 +304,11 @@ def _in_degrees(table: Mapping[str, Any], where: str) -> bool | None:
     return None if units is None else units == "degrees"
 
 
-def _table(table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    said = table.get(key)
-    return {} if said == _NO_SENSORS else dict(said or {})
-
-
-def _sensor_of(said: Any, where: str) -> SensorMap:
-    if isinstance(said, str):
-        return SensorMap(said)
-    _check_keys(said, ("site", "sign"), where)
-    return SensorMap(str(said["site"]), float(said.get("sign", 1.0)))
+def _sensor_of(given: Any, where: str) -> SensorMap:
+    if isinstance(given, str):
+        return SensorMap(given)
+    _check_keys(given, ("site", "sign"), where)
+    return SensorMap(str(given["site"]), float(given.get("sign", 1.0)))
 
 
 def _check_keys(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
@@ -342,34 +344,33 @@ def run_of_arrays(
     if times.ndim != 1 or times.size < FEWEST or (np.diff(times) <= 0.0).any():
         msg = f"recording {name} has times that do not rise, or fewer than {FEWEST}; give one rising time per sample"
         raise BadRecordingError(msg)
-    tables: list[Tracks] = []
+    since_s = times - times[0]
     sensed, measured = _split_sensed(measured)
+    senses: Senses = {
+        key: tuple(Track(since_s, np.asarray(axis, dtype=float)) for axis in axes) for key, axes in sensed.items()
+    }
     posed = [f"base.{each}" for each in BASE_COLUMNS]
     base: tuple[Track, ...] = ()
-    if all(name in measured for name in posed):
-        base = tuple(Track(times - times[0], np.asarray(measured[name], dtype=float)) for name in posed)
-        measured = {name: values for name, values in measured.items() if name not in posed}
-    for columns in (measured, commands or {}):
-        tracks: Tracks = {}
-        for column, given in columns.items():
-            joint, _, quantity = column.rpartition(".")
-            values = np.asarray(given, dtype=float)
-            if not joint or quantity not in {each.value for each in Quantity} or values.shape != times.shape:
-                msg = f"recording {name} has a column '{column}' of shape {values.shape}"
-                msg += f"; it must be JOINT.position, JOINT.velocity or JOINT.effort, of shape {times.shape}"
-                msg += ", or of a sensor SITE.force.x and so on, with all of its axes"
-                raise BadRecordingError(msg)
-            finite = np.isfinite(values)
-            if finite.any():
-                tracks[joint, Quantity(quantity)] = Track(times[finite] - times[0], values[finite])
-        tables.append(tracks)
-    commanded = {key: held(track) for key, track in tables[1].items()}
-    since_s = times - times[0]
-    senses: Senses = {}
-    for sensor, axes in sensed.items():
-        x, y, z = (Track(since_s, np.asarray(each, dtype=float)) for each in axes)
-        senses[sensor] = (x, y, z)
-    return checked(Run(name, tables[0], commanded, notes, senses, base))
+    if all(column in measured for column in posed):
+        base = tuple(Track(since_s, np.asarray(measured.pop(column), dtype=float)) for column in posed)
+    commanded = {key: held(track) for key, track in _tracks_of(name, since_s, commands or {}).items()}
+    return checked(Run(name, _tracks_of(name, since_s, measured), commanded, notes, senses, base))
+
+
+def _tracks_of(name: str, since_s: NDArray[np.float64], columns: Mapping[str, ArrayLike]) -> Tracks:
+    tracks: Tracks = {}
+    for column, given in columns.items():
+        joint, _, quantity = column.rpartition(".")
+        values = np.asarray(given, dtype=float)
+        if not joint or quantity not in {each.value for each in Quantity} or values.shape != since_s.shape:
+            msg = f"recording {name} has a column '{column}' of shape {values.shape}"
+            msg += f"; it must be JOINT.position, JOINT.velocity or JOINT.effort, of shape {since_s.shape}"
+            msg += ", or of a sensor SITE.force.x and so on, with all of its axes"
+            raise BadRecordingError(msg)
+        finite = np.isfinite(values)
+        if finite.any():
+            tracks[joint, Quantity(quantity)] = Track(since_s[finite], values[finite])
+    return tracks
 
 
 def _split_sensed(
@@ -416,7 +417,7 @@ def run_of_csv(path: Path) -> Run:
         msg += f"; it must have a row of names ({_TIME}, JOINT.position, {_COMMAND}JOINT.position) and rows of numbers"
         raise BadRecordingError(msg) from error
     measured = {name: values for name, values in columns.items() if not name.startswith(_COMMAND)}
-    commands = {name[len(_COMMAND) :]: values for name, values in columns.items() if name.startswith(_COMMAND)}
+    commands = {name.removeprefix(_COMMAND): values for name, values in columns.items() if name.startswith(_COMMAND)}
     return run_of_arrays(path.name, times, measured, commands)
 
 
@@ -438,11 +439,12 @@ def checked(run: Run) -> Run:
         msg = f"recording {run.name} holds no position of any joint; record joint_states with positions"
         raise BadRecordingError(msg)
     for joint in run.joints():
-        count = run.measured[joint, Quantity.POSITION].time_s.size
-        if count < FEWEST:
-            msg = f"recording {run.name} holds {count} positions of joint {joint}, fewer than {FEWEST}; record longer"
+        time_s = run.measured[joint, Quantity.POSITION].time_s
+        if time_s.size < FEWEST:
+            msg = f"recording {run.name} holds {time_s.size} positions of joint {joint}, fewer than {FEWEST}"
+            msg += "; record longer"
             raise BadRecordingError(msg)
-        steps_s = np.diff(run.measured[joint, Quantity.POSITION].time_s)
+        steps_s = np.diff(time_s)
         between_s = float(np.median(steps_s))
         if steps_s.max() > _LONGEST_HOLE_S:
             msg = f"positions of joint {joint} in recording {run.name} stop for {steps_s.max():.4g} s"
@@ -473,13 +475,11 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
     sensed = {}
     for (name, sense), axes in run.sensed.items():
         asked = given.sensors.get(name, SensorMap(name))
-        x, y, z = (each.changed(asked.sign, 0.0) for each in axes)
-        sensed[asked.site, sense] = (x, y, z)
-    base = _unflipped(run.base)
+        sensed[asked.site, sense] = tuple(each.changed(asked.sign, 0.0) for each in axes)
     measured = moved(run.measured, in_degrees=given.degrees)
     commanded = given.degrees if given.command_degrees is None else given.command_degrees
     commands = moved(run.commands, in_degrees=commanded)
-    return replace(run, measured=measured, commands=commands, sensed=sensed, base=base)
+    return replace(run, measured=measured, commands=commands, sensed=sensed, base=_unflipped(run.base))
 
 
 def _unflipped(base: tuple[Track, ...]) -> tuple[Track, ...]:

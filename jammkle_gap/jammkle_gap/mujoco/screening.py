@@ -9,27 +9,26 @@ import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import least_squares, minimize_scalar  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import Library
 from jammkle_gap.core.features import features_of, layout_of, measured
-from jammkle_gap.core.simulate import InfeasibleError
+from jammkle_gap.core.simulate import Problem, Runner, Task
 from jammkle_gap.mujoco.runs import BadRobotError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.data import Recording
     from jammkle_gap.core.effects import Effect
-    from jammkle_gap.mujoco.offer import Offer
+    from jammkle_gap.core.simulate import Progress
+    from jammkle_gap.mujoco.library import RobotLibrary
     from jammkle_gap.mujoco.simulator import RobotSimulator
 
     Array = NDArray[np.float64]
-    Progress = Callable[[str, float], None]
 
 BIN_S = 0.05
 """Length of a bin, s. Chosen: jitter of drivers is some milliseconds."""
@@ -45,37 +44,31 @@ class _Whitened:
     """Features of recordings in the noise of their sensors, and runs of the simulator in them."""
 
     def __init__(self, simulator: RobotSimulator, recordings: Sequence[Recording], jobs: int) -> None:
-        self.simulator, self.recordings, self.jobs = simulator, recordings, jobs
-        self.layouts = [layout_of([each], BIN_S, None) for each in recordings]
-        self.data = self._stacked([measured(each) for each in recordings])
+        self._problem, self._jobs = Problem(simulator, Library(())), jobs
+        self._runs = [(each, layout_of([each], BIN_S, None)) for each in recordings]
+        self.data = self._stacked([features_of(layout, each, measured(each), None) for each, layout in self._runs])
 
-    def _stacked(self, values: Iterable[Mapping[str, Array]]) -> Array:
-        parts = [
-            features_of(layout, each, made, None) / layout.floor
-            for layout, each, made in zip(self.layouts, self.recordings, values, strict=True)
-        ]
+    def _stacked(self, features: Sequence[Array]) -> Array:
+        parts = [own / layout.floor for own, (_, layout) in zip(features, self._runs, strict=True)]
         return np.concatenate(parts)
 
     def made(self, values: Mapping[str, float]) -> Array | None:
         """Return the features with some values; None where it cannot be run."""
-        try:
-            return self._stacked([self.simulator(each, values) for each in self.recordings])
-        except InfeasibleError:
-            return None
+        return self.all([values])[0]
 
-    def all(self, places: Sequence[Mapping[str, float]], progress: Callable[[float], None]) -> list[Array | None]:
+    def all(
+        self, places: Sequence[Mapping[str, float]], progress: Callable[[float], None] = lambda _share: None
+    ) -> list[Array | None]:
         """Return the features at several places, side by side."""
-        parallel = Parallel(n_jobs=self.jobs, return_as="generator", pre_dispatch="4*n_jobs")
-        found = []
-        for each in parallel(delayed(self.made)(place) for place in places):
-            found.append(each)
-            progress(len(found) / len(places))
-        return found
+        runner = Runner(self._problem, self._jobs, lambda _what, share: progress(share))
+        made = runner.features([Task(*run, place) for place in places for run in self._runs], "screening")
+        by_place = [made[k : k + len(self._runs)] for k in range(0, len(made), len(self._runs))]
+        return [None if any(np.isnan(each).all() for each in own) else self._stacked(own) for own in by_place]
 
 
 def promising(
     simulator: RobotSimulator,
-    offer: Offer,
+    every: RobotLibrary,
     library: Library,
     recordings: Sequence[Recording],
     jobs: int,
@@ -88,7 +81,7 @@ def promising(
 
     Args:
         simulator: Of the robot.
-        offer: Constants, and which effects are those of single joints together.
+        every: All effects, which of them are those of single joints together, and the constants.
         library: Effects on offer.
         recordings: What is compared.
         jobs: Processes.
@@ -97,8 +90,7 @@ def promising(
     """
     space = _Whitened(simulator, recordings, jobs)
     wanted = {effect.name for effect in library}
-    needed = wanted | {member for name in wanted for member in offer.members.get(name, ())}
-    singles = [effect for effect in offer.library if effect.name in needed and effect.name not in offer.members]
+    needed = wanted | {member for name in wanted for member in every.members.get(name, ())}
     nominal = space.made({})
     if nominal is None:
         msg = "the nominal model blows up at what was commanded"
@@ -109,29 +101,25 @@ def promising(
         made = space.all(places, lambda share: progress("screening", begin + share * (end - begin)))
         return [None if each is None else each - nominal for each in made]
 
-    columns = taken([{each.name: each.null + each.sigma} for each in offer.constants], 0.0, 0.1)
+    columns = taken([{each.name: each.null + each.sigma} for each in every.constants], 0.0, 0.1)
     constants = np.array([np.zeros_like(nominal) if column is None else column for column in columns]).T
     constants = constants.reshape(len(nominal), -1)
     metric = _Metric(constants, space.data - nominal)
-    ways = {(effect.name, each): _Way(effect, *each) for effect in singles for each in _ends(effect)}
-    left = list(ways.values())
+    ways = {effect.name: _ways_of(effect) for effect in every.effects
+            if effect.name in needed and effect.name not in every.members}  # fmt: skip
+    left = [way for own in ways.values() for way in own]
     turns = max((len(way.shares) for way in left), default=0)
     for turn in range(turns):
         left = [way for way in left if turn < len(way.shares)]
         made = taken([way.at(way.shares[turn]) for way in left], *(0.1 + 0.6 * k / turns for k in (turn, turn + 1)))
         left = [way for way, column in zip(left, made, strict=True) if not way.take(way.shares[turn], column)]
-    for name in wanted & set(offer.members):
-        effect = offer.library.effect(name)
-        for each in _ends(effect):
-            ways[name, each] = _Way(effect, *each)
-            same = [
-                ways[member, own]
-                for member in offer.members[name]
-                for own in _ends(offer.library.effect(member))
-                if (own[0], own[2]) == (each[0], each[2])
-            ]
-            ways[name, each].join(same)
-    able = [way for way in ways.values() if way.column is not None and way.effect.name in wanted]
+    for effect in library:
+        if effect.name in every.members:
+            singles = [way for member in every.members[effect.name] for way in ways[member]]
+            ways[effect.name] = _ways_of(effect)
+            for way in ways[effect.name]:
+                way.join([each for each in singles if (each.index, each.upper) == (way.index, way.upper)])
+    able = [way for name, own in ways.items() for way in own if way.column is not None and name in wanted]
     best = sorted((way for way in able if way.alone), key=lambda way: -metric.gain([way]))[: 3 * _OFFERED]
     _try_further(best, metric, taken)
     names = _ordered(metric, able)
@@ -207,26 +195,13 @@ _LINE_STEPS = 10
 """Runs that the best effect is looked for with along its way. Chosen: a hundredth of it."""
 
 
-def _ends(effect: Effect) -> list[tuple[int, float, bool]]:
-    """Return numbers of an effect, bounds that it is tried towards, and whether they are upper ones.
-
-    A number that does nothing by itself, as the speed of a friction that is 0, is none.
-    """
-    found = []
-    for index, each in enumerate(effect.parameters):
-        if effect.name.startswith("stribeck") and index:
-            continue
-        ends = [(end, upper) for end, upper in ((each.maximum, True), (each.minimum, False)) if end != each.null]
-        found += [(index, *end) for end in (ends if len(effect.parameters) == 1 else ends[:1])]
-    return found
-
-
 class _Way:
     """An effect on the way to one bound of one of its numbers, and what it makes of the features per whole way."""
 
-    def __init__(self, effect: Effect, index: int, end: float, upper: bool) -> None:  # noqa: FBT001 - as `_ends` has it
-        self.effect, self._number, self._end, self.upper = effect, effect.parameters[index], end, upper
-        self.alone = len(effect.parameters) == 1 or effect.name.startswith("stribeck")
+    def __init__(self, effect: Effect, index: int, *, upper: bool) -> None:
+        self.effect, self.index, self.upper, self._number = effect, index, upper, effect.parameters[index]
+        self._end = self._number.maximum if upper else self._number.minimum
+        self.alone = len(effect.parameters) == 1 or _is_stribeck(effect)
         """Whether its other numbers, if any, stay where they are; else all are tried together."""
         self.column: Array | None = None
         self.shares = self._number.shares or _STEPS
@@ -256,6 +231,22 @@ class _Way:
         """Be what others are together."""
         moving = [each.column for each in members if each.column is not None]
         self.column = np.sum(moving, axis=0) if moving else None
+
+
+def _ways_of(effect: Effect) -> list[_Way]:
+    """Return the ways of an effect: to each bound of its only number, or to one bound of each.
+
+    A number that does nothing by itself, as the speed of a friction that is 0, has none.
+    """
+    found = []
+    for index, each in enumerate(effect.parameters[:1] if _is_stribeck(effect) else effect.parameters):
+        ends = [upper for upper, end in ((True, each.maximum), (False, each.minimum)) if end != each.null]
+        found += [_Way(effect, index, upper=upper) for upper in (ends if len(effect.parameters) == 1 else ends[:1])]
+    return found
+
+
+def _is_stribeck(effect: Effect) -> bool:
+    return effect.name.startswith("stribeck")
 
 
 class _Metric:
@@ -313,9 +304,9 @@ def _choices(able: Sequence[_Way]) -> dict[str, list[list[_Way]]]:
     return found
 
 
-def closest(
+def refitted(
     simulator: RobotSimulator,
-    offer: Offer,
+    every: RobotLibrary,
     recordings: Sequence[Recording],
     start: Mapping[str, float],
     jobs: int,
@@ -328,7 +319,7 @@ def closest(
 
     Args:
         simulator: Of the robot.
-        offer: Of which effects and constants are.
+        every: Of which effects and constants are.
         recordings: That are fitted.
         start: Effects by `effect.parameter` and constants by name.
         jobs: Processes.
@@ -336,8 +327,8 @@ def closest(
     """
     space = _Whitened(simulator, recordings, jobs)
     known = {effect.key(each): (each.null, 0.02 * (each.maximum - each.minimum), each.minimum, each.maximum, 0.0)
-             for effect in offer.library for each in effect.parameters}  # fmt: skip
-    known.update({each.name: (each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in offer.constants})
+             for effect in every.effects for each in effect.parameters}  # fmt: skip
+    known.update({each.name: (each.null, each.sigma, each.minimum, each.maximum, 1.0) for each in every.constants})
     null, steps, low, high, weights = np.array([known[key] for key in start]).T
 
     def values(shares: Array) -> dict[str, float]:
@@ -349,7 +340,7 @@ def closest(
 
     def slopes(shares: Array) -> Array:
         turned = np.where(shares + 1.0 > ends[1], -1.0, 1.0)
-        made = space.all([values(shares), *(values(shares + each) for each in np.diag(turned))], lambda _share: None)
+        made = space.all([values(shares), *(values(shares + each) for each in np.diag(turned))])
         rows = [rest(each, shares + turn) for each, turn in zip(made[1:], np.diag(turned), strict=True)]
         found: Array = ((np.array(rows) - rest(made[0], shares)) / turned[:, np.newaxis]).T
         return found

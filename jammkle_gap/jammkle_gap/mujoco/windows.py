@@ -15,8 +15,8 @@ import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.data import BadRecordingError, Recording, Signal
-from jammkle_gap.mujoco.carried import BASE_JOINTS, COORDINATES, coordinates_of
-from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, LONGEST_STEP_S, BadRobotError, Base, Quantity, Sense, Track
+from jammkle_gap.mujoco.prescribed import BASE_JOINTS, COORDINATES, coordinates_of
+from jammkle_gap.mujoco.runs import AXES, BASE_COLUMNS, LONGEST_STEP_S, BadRobotError, Base, Quantity, Track
 from jammkle_gap.mujoco.simulator import (
     BASE,
     FORWARD_FROM_S,
@@ -69,13 +69,13 @@ def recordings_of(
     compared: list[Recording] = []
     kept: list[Recording] = []
     for run in runs:
-        motion, begin_s = _motion_of(robot, run)
+        motion = _motion_of(robot, run)
         if not robot.drives:
-            _check_whole(robot, run, begin_s)
+            _check_whole(robot, run, motion)
             chosen, others = [0.0], []
             length = motion.end_s
         else:
-            length, every = _windows(robot, motion, run, window_s, begin_s)
+            length, every = _windows(robot, motion, run, window_s)
             most = max(int(min(search_s / len(runs) / length, len(every))), 1)
             chosen = [
                 max(part.tolist(), key=lambda start: _travel(motion, start, length))
@@ -84,7 +84,7 @@ def recordings_of(
             others = [start for start in every if start not in chosen]
         for starts, where in ((chosen, compared), (others, kept)):
             if starts:
-                where.append(_recording(robot, run, motion, begin_s, tuple(starts), length))
+                where.append(_recording(robot, run, replace(motion, starts_s=tuple(starts), window_s=length)))
     return compared, kept
 
 
@@ -99,7 +99,7 @@ def repeats_of(robot: Robot, compared: Sequence[Recording], runs: Sequence[Run])
     """
     found = []
     for own in runs:
-        motion, begin_s = _motion_of(robot, own)
+        motion = _motion_of(robot, own)
         apart = {each.name: _apart(robot, each.inputs, motion) for each in compared}
         best = min(apart, key=lambda name: apart[name])
         if apart[best] > _SAME_SHARE:
@@ -111,8 +111,8 @@ def repeats_of(robot: Robot, compared: Sequence[Recording], runs: Sequence[Run])
         if like.inputs.starts_s[-1] + like.inputs.window_s > motion.end_s:
             msg = f"recording {own.name} is shorter than {best}; record the same commands to their end"
             raise BadRecordingError(msg)
-        again = _recording(robot, own, motion, begin_s, like.inputs.starts_s, like.inputs.window_s)
-        found.append(replace(again, setting=like.setting))
+        motion = replace(motion, starts_s=like.inputs.starts_s, window_s=like.inputs.window_s)
+        found.append(replace(_recording(robot, own, motion), setting=like.setting))
     return found
 
 
@@ -128,15 +128,14 @@ def _apart(robot: Robot, first: Motion, second: Motion) -> float:
     return float(np.sqrt(np.square((one[:length] - other[:length]) / spans).mean()))
 
 
-def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
-    """Return the motion of a run, and when it begins on the run's clock, s."""
+def _motion_of(robot: Robot, run: Run) -> Motion:
+    """Return the motion of a run, in one window."""
     tracks = [run.measured[name, Quantity.POSITION] for name in robot.joints]
     posed = run.base if robot.given.base is Base.MEASURED or robot.floating else ()
-    led = [run.measured[name, Quantity.POSITION] for name in robot.carried if name not in BASE_JOINTS]
-    begin_s = max(float(each.time_s[0]) for each in (*tracks, *led, *posed))
-    end_s = min(float(each.time_s[-1]) for each in (*tracks, *led, *posed))
+    led = [run.measured[name, Quantity.POSITION] for name in robot.prescribed if name not in BASE_JOINTS]
     asked = [run.commands[drive.joint, drive.quantity] for drive in robot.drives]
-    begin_s = max([begin_s, *(float(each.time_s[0]) for each in asked)])
+    begin_s = max(float(each.time_s[0]) for each in (*tracks, *led, *posed, *asked))
+    end_s = min(float(each.time_s[-1]) for each in (*tracks, *led, *posed))
     step_s = float(np.median(np.diff(tracks[0].time_s)))
     count = int((end_s - begin_s) / step_s) + 1
     wide = _width(step_s)
@@ -156,41 +155,40 @@ def _motion_of(robot: Robot, run: Run) -> tuple[Motion, float]:
         orders = [savgol_filter(table, wide, 3, deriv=k, delta=step_s, axis=0, mode="interp") for k in range(3)]
         return [np.column_stack([np.interp(grid, times, column) for column in each.T]) for each in orders]
 
-    poses = np.column_stack([each.at(times) for each in posed]) if posed else None
-    if poses is not None and (np.linalg.norm(poses[:, 3:], axis=1) < _LEAST_NORM).any():
-        msg = (
-            f"the orientation of the base in recording {run.name} is no quaternion; its norm is 0 where it should be 1"
-        )
-        raise BadRecordingError(msg)
     columns = [each.at(times)[:, np.newaxis] for each in led]
     base = None
-    if poses is not None and robot.floating:
-        base = np.array(smoothed(coordinates_of(poses))[:2])
-    elif poses is not None:
-        columns.append(coordinates_of(poses))
-    carried = np.array(smoothed(np.hstack(columns))) if columns else None
+    if posed:
+        poses = np.column_stack([each.at(times) for each in posed])
+        if (np.linalg.norm(poses[:, 3:], axis=1) < _LEAST_NORM).any():
+            msg = f"the orientation of the base in recording {run.name} is no quaternion"
+            msg += "; its norm is 0 where it should be 1"
+            raise BadRecordingError(msg)
+        if robot.floating:
+            base = np.array(smoothed(coordinates_of(poses))[:2])
+        else:
+            columns.append(coordinates_of(poses))
     set_points = np.column_stack([each.mean_about(grid, fine) for each in asked]) if asked else np.zeros((len(grid), 0))
-    leading, feeding = np.zeros_like(set_points), np.zeros_like(set_points)
+    fed_velocity, fed_effort = np.zeros_like(set_points), np.zeros_like(set_points)
     for column, drive in enumerate(robot.drives):
-        if drive.leading:
-            leading[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
-        if drive.feeding:
-            feeding[:, column] = run.commands[drive.joint, Quantity.EFFORT].mean_about(grid, fine)
+        if drive.feeds_velocity:
+            fed_velocity[:, column] = run.commands[drive.joint, Quantity.VELOCITY].mean_about(grid, fine)
+        if drive.feeds_effort:
+            fed_effort[:, column] = run.commands[drive.joint, Quantity.EFFORT].mean_about(grid, fine)
     position, velocity, acceleration = smoothed(readings)
-    motion = Motion(
-        fine,
-        position,
-        velocity,
-        acceleration,
-        set_points,
-        leading,
-        feeding,
-        (0.0,),
-        end_s - begin_s,
-        carried,
-        base,
+    return Motion(
+        begin_s=begin_s,
+        step_s=fine,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        set_points=set_points,
+        fed_velocity=fed_velocity,
+        fed_effort=fed_effort,
+        starts_s=(0.0,),
+        window_s=end_s - begin_s,
+        prescribed=np.array(smoothed(np.hstack(columns))) if columns else None,
+        base=base,
     )
-    return motion, begin_s
 
 
 _LEAST_NORM = 0.1
@@ -208,10 +206,10 @@ def _check_moves(robot: Robot, run: Run, readings: Array) -> None:
     raise BadRecordingError(msg)
 
 
-def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: float) -> tuple[float, list[float]]:
+def _windows(robot: Robot, motion: Motion, run: Run, window_s: float) -> tuple[float, list[float]]:
     """Return the length of a run's windows and when each begins, s."""
     if robot.given.base is Base.FREE and not robot.floating:
-        _check_whole(robot, run, begin_s)
+        _check_whole(robot, run, motion)
         return motion.end_s - LEAD_S, [LEAD_S]
     room = motion.end_s - LEAD_S
     if room <= LEAD_S:
@@ -219,7 +217,7 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: f
         raise BadRecordingError(msg)
     length = min(window_s, room)
     starts = (LEAD_S + length * np.arange(int(room / length + 1e-9))).tolist()
-    holes = _holes(robot, run, begin_s)
+    holes = _holes(robot, run, motion)
     whole = [each for each in starts if all(each + length < begin or each - LEAD_S > end for begin, end in holes)]
     if not whole:
         begin, end = holes[0]
@@ -229,23 +227,21 @@ def _windows(robot: Robot, motion: Motion, run: Run, window_s: float, begin_s: f
     return length, whole
 
 
-def _check_whole(robot: Robot, run: Run, begin_s: float) -> None:
+def _check_whole(robot: Robot, run: Run, motion: Motion) -> None:
     """Refuse holes in a recording that is compared as a whole."""
-    if holes := _holes(robot, run, begin_s):
+    if holes := _holes(robot, run, motion):
         begin, end = holes[0]
         msg = f"readings of recording {run.name} stop for {end - begin:.2g} s at {begin:.4g} s; cut it there"
         raise BadRecordingError(msg)
 
 
-def _holes(robot: Robot, run: Run, begin_s: float) -> list[tuple[float, float]]:
+def _holes(robot: Robot, run: Run, motion: Motion) -> list[tuple[float, float]]:
     """Return when readings of positions stop for longer than they may, from the start of what is compared, s."""
-    found = []
+    found: list[tuple[float, float]] = []
     for name in robot.joints:
-        time_s = run.measured[name, Quantity.POSITION].time_s
-        found += [
-            (float(time_s[k] - begin_s), float(time_s[k + 1] - begin_s))
-            for k in np.flatnonzero(np.diff(time_s) > LONGEST_STEP_S)
-        ]
+        time_s = run.measured[name, Quantity.POSITION].time_s - motion.begin_s
+        longer = np.diff(time_s) > LONGEST_STEP_S
+        found += zip(time_s[:-1][longer].tolist(), time_s[1:][longer].tolist(), strict=True)
     return found
 
 
@@ -255,47 +251,30 @@ def _travel(motion: Motion, start_s: float, length_s: float) -> float:
     return float((np.abs(np.diff(motion.position[own], axis=0)).sum(axis=0) / spans).sum())
 
 
-def _recording(
-    robot: Robot, run: Run, motion: Motion, begin_s: float, starts: tuple[float, ...], length: float
-) -> Recording:
-    """Return what is compared of a run: windows one after the other."""
+def _recording(robot: Robot, run: Run, motion: Motion) -> Recording:
+    """Return what is compared of a run: the windows of its motion, one after the other."""
     asked = [(joint, Quantity.POSITION) for joint in robot.joints if robot.drives]
     asked += [(joint, Quantity.EFFORT) for joint in robot.efforts]
-    signals = [_signal(robot, run, joint, quantity, begin_s, starts, length) for joint, quantity in asked]
-    felt = [
-        _windowed(f"{site}/{sense.value}.{axis}", _SENSE_UNITS[sense], track, begin_s, starts, length, 0.0)
-        for site, sense in robot.senses
-        for axis, track in zip(AXES, run.sensed[site, sense], strict=True)
-    ]
+    signals = [_of_joint(robot, run, motion, joint, quantity) for joint, quantity in asked]
+    for site, sense in robot.senses:
+        for axis, track in zip(AXES, run.sensed[site, sense], strict=True):
+            signals.append(_windowed(f"{site}/{sense.value}.{axis}", sense.unit, track, motion, 0.0))
     if robot.floating:
         times_s, poses = run.base[0].time_s, np.column_stack([each.values for each in run.base])
-        felt += [
-            _windowed(f"{BASE}/{name}", unit, Track(times_s, column), begin_s, starts, length, noise)
-            for (name, unit, noise), column in zip(_OF_BASE, coordinates_of(poses).T, strict=True)
-        ]
-    if robot.drives:
-        signals = [_with_jitter(robot, run, motion, each) for each in signals]
-    else:
-        signals = [_with_motion_noise(robot, run, each) for each in signals]
-    inputs = replace(motion, starts_s=starts, window_s=length)
-    known, notes = _with_known_noise(run.name, [*signals, *felt])
-    return _with_sensitivity(robot, Recording(run.name, known, inputs, setting=run.name, notes=notes))
+        for name, column in zip(COORDINATES, coordinates_of(poses).T, strict=True):
+            unit = "m" if name in AXES else "rad"
+            signals.append(_windowed(f"{BASE}/{name}", unit, Track(times_s, column), motion, _DRIFT))
+    known, notes = _with_known_noise(run.name, signals)
+    return _with_sensitivity(robot, Recording(run.name, known, motion, setting=run.name, notes=notes))
 
 
 _DRIFT = 0.005
 """Standard deviation of a base's coordinates, m and rad. Assumed: odometry drifts by some millimetres and milliradians
 within a window, however finely it is read."""
-_OF_BASE = tuple((name, "m" if name in AXES else "rad", _DRIFT) for name in COORDINATES)
-"""Signals of a free base: coordinate, unit and noise."""
 
 
 def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[Signal, ...], tuple[str, ...]]:
-    """Return signals of which all have a noise, and notes on those that never change, as of an encoder that stands.
-
-    Raises:
-        BadRecordingError: no signal of a unit changes, and nobody gave its noise.
-
-    """
+    """Return signals of which all have a noise, and notes on those that never change, as of an encoder that stands."""
     found, still = [], []
     for each in signals:
         if scale_of(each) > 0.0:
@@ -303,10 +282,8 @@ def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[
             continue
         noise = max(scale_of(other) for other in signals if other.unit == each.unit)
         if noise == 0.0:
-            msg = (
-                f"{each.name} never changes in recording {recording}, and no other signal in {each.unit} does, so that"
-            )
-            msg += " its noise is unknown; give it in the map (noise: {...}), or leave it out (sensors: none)"
+            msg = f"{each.name} never changes in recording {recording}, and no other signal in {each.unit} does"
+            msg += ", so that its noise is unknown; give it in the map (noise: {...}), or leave it out (sensors: none)"
             raise BadRecordingError(msg)
         still.append(each.name)
         found.append(replace(each, noise=noise))
@@ -314,18 +291,8 @@ def _with_known_noise(recording: str, signals: Sequence[Signal]) -> tuple[tuple[
     return tuple(found), (note,) if still else ()
 
 
-_SENSE_UNITS = {Sense.ACCELERATION: "m/s^2", Sense.RATE: "rad/s", Sense.FORCE: "N", Sense.TORQUE: "N m"}
-
-
-def _signal(
-    robot: Robot,
-    run: Run,
-    joint: str,
-    quantity: Quantity,
-    begin_s: float,
-    starts: Sequence[float],
-    length: float,
-) -> Signal:
+def _of_joint(robot: Robot, run: Run, motion: Motion, joint: str, quantity: Quantity) -> Signal:
+    """Return readings of a joint with their noise."""
     track = run.measured.get((joint, quantity))
     if track is None and not robot.drives:
         track = run.commands.get((joint, quantity))
@@ -334,32 +301,31 @@ def _signal(
         raise BadRobotError(msg)
     turning = robot.is_turning(joint)
     unit = ("rad" if turning else "m") if quantity is Quantity.POSITION else ("N m" if turning else "N")
-    name, noise = f"{joint}/{quantity.value}", robot.given.noise.get(quantity, 0.0)
-    return _windowed(name, unit, track, begin_s, starts, length, noise)
+    noise = robot.given.noise.get(quantity, 0.0)
+    signal = _windowed(f"{joint}/{quantity.value}", unit, track, motion, noise)
+    if robot.drives:
+        return _with_jitter(robot, motion, signal, track, joint, quantity)
+    return _with_motion_noise(robot, run, signal, joint)
 
 
-def _windowed(
-    name: str, unit: str, track: Track, begin_s: float, starts: Sequence[float], length: float, noise: float
-) -> Signal:
-    """Return a track in windows, one after the other."""
+def _windowed(name: str, unit: str, track: Track, motion: Motion, noise: float) -> Signal:
+    """Return a track in the windows of a motion, one after the other."""
     times, values = [], []
-    for k, start in enumerate(starts):
-        own_s = track.time_s - begin_s - start
-        inside = (own_s >= 0.0) & (own_s < length)
-        times.append(own_s[inside] + k * length)
+    for k, start in enumerate(motion.starts_s):
+        own_s = track.time_s - motion.begin_s - start
+        inside = (own_s >= 0.0) & (own_s < motion.window_s)
+        times.append(own_s[inside] + k * motion.window_s)
         values.append(track.values[inside])
     time_s, read = np.concatenate(times), np.concatenate(values)
     kept = np.concatenate(([True], np.diff(time_s) > 0.0))
     return Signal(name, unit, time_s[kept], read[kept], noise)
 
 
-def _with_jitter(robot: Robot, run: Run, motion: Motion, signal: Signal) -> Signal:
+def _with_jitter(robot: Robot, motion: Motion, signal: Signal, track: Track, joint: str, quantity: Quantity) -> Signal:
     """Return a signal with the noise that jitter of commands and readings brings into it: the faster, the more."""
-    joint, _, quantity = signal.name.rpartition("/")
-    track = run.measured[joint, Quantity(quantity)]
     drives = [column for column, each in enumerate(robot.drives) if each.joint == joint]
-    off_s = _JITTER_S
-    if quantity == Quantity.POSITION.value:
+    off_s, rate = _JITTER_S, np.zeros(1)
+    if quantity is Quantity.POSITION:
         rate = motion.velocity[:, robot.joints.index(joint)]
     elif drives:
         # Both count: a set point that comes late is felt at once.
@@ -368,8 +334,6 @@ def _with_jitter(robot: Robot, run: Run, motion: Motion, signal: Signal) -> Sign
         asked = motion.set_points[:, drives[0]]
         gain = float(robot.model.actuator(robot.drives[drives[0]].actuator).gainprm[0])
         rate = gain * (asked[2 * half :] - asked[: -2 * half]) / (2.0 * half * motion.step_s)
-    else:
-        rate = np.zeros(1)
     own = signal.noise or deviation_of(track.values)
     jitter = off_s * float(np.sqrt(np.square(rate).mean()))
     steps = np.diff(np.unique(track.values))
@@ -392,9 +356,8 @@ def _noise_gain(time_s: Array, order: int) -> float:
     return float(np.linalg.norm(savgol_coeffs(_width(step_s), 3, deriv=order, delta=step_s)))
 
 
-def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
+def _with_motion_noise(robot: Robot, run: Run, effort: Signal, joint: str) -> Signal:
     """Return an effort with the noise that differentiated angles bring into what is compared with it."""
-    joint = effort.name.rpartition("/")[0]
     track = run.measured[joint, Quantity.POSITION]
     noise = robot.given.noise.get(Quantity.POSITION, 0.0) or deviation_of(track.values)
     gain = _noise_gain(track.time_s, 2)
@@ -410,21 +373,19 @@ def _with_motion_noise(robot: Robot, run: Run, effort: Signal) -> Signal:
 def _with_sensitivity(robot: Robot, recording: Recording) -> Recording:
     """Return a recording that knows what errors of its starts do, where they last."""
     held = {drive.joint for drive in robot.drives if drive.quantity is Quantity.POSITION}
-    wandering = tuple(name for name in robot.joints if name not in held)
-    if robot.floating:
-        wandering += COORDINATES
-    if not wandering or not robot.drives or (robot.given.base is Base.FREE and not robot.floating):
+    unheld = (*(name for name in robot.joints if name not in held), *(COORDINATES if robot.floating else ()))
+    if not unheld or not robot.drives or (robot.given.base is Base.FREE and not robot.floating):
         return recording
-    motion: Motion = replace(recording.inputs, wandering=wandering)
+    motion: Motion = replace(recording.inputs, unheld=unheld)
     machine = Machine(robot, robot.model)
     nominal = run_forward(machine, motion, recording)
     columns: dict[str, list[Array]] = {name: [] for name in nominal}
     for order in range(2):
-        for column, name in enumerate(wandering):
+        for column, name in enumerate(unheld):
             signal = recording.signal(f"{name}/{Quantity.POSITION.value}" if name in robot.joints else f"{BASE}/{name}")
             gain = _noise_gain(signal.time_s, order)
-            shift = np.zeros((len(motion.starts_s), 2 * len(wandering)))
-            shift[:, order * len(wandering) + column] = _START_ERRORS * gain * scale_of(signal)
+            shift = np.zeros((len(motion.starts_s), 2 * len(unheld)))
+            shift[:, order * len(unheld) + column] = _START_ERRORS * gain * scale_of(signal)
             made = run_forward(machine, replace(motion, start_shift=shift), recording)
             for other in nominal:
                 columns[other].append(made[other] - nominal[other])

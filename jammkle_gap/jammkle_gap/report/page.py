@@ -19,16 +19,7 @@ from jammkle_common.command.results import STYLE
 from jammkle_gap.core.decide import by_class, class_names, class_of
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
-from jammkle_gap.report.words import (
-    constant_lines,
-    parameter_lines,
-    percent,
-    percents,
-    probability,
-    quantities,
-    scale,
-    times,
-)
+from jammkle_gap.report.words import percent, percents, probability, scale, times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from jammkle_gap.core.result import Candidate, Closing, Diagnosis, Place, Trace
+    from jammkle_gap.core.result import Diagnosis, Place, Trace
     from jammkle_gap.report.words import Asked
 
 _TONES = {Verdict.NO_GAP: "good", Verdict.EFFECTS: "found", Verdict.AMBIGUOUS: "open", Verdict.UNKNOWN: "bad"}
@@ -64,8 +55,6 @@ PHASES = (
 """Columns of the heat map, in the order in which things happen; phases of other names stand before the last two."""
 WORTH_SHARE = 0.005
 """Signals below this are put together."""
-_CLEAR = 1.5
-"""Gap of a signal above which its line stands out. Chosen: healthy runs hardly ever leave so much."""
 _TEXT: dict[Any, Any] = {"svg.fonttype": "none", "font.family": "sans-serif", "svg.hashsalt": "jammkle gap"}
 """Style of text in figures: as text, the same bytes for the same picture."""
 
@@ -75,61 +64,33 @@ def page(diagnosis: Diagnosis, asked: Asked) -> str:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["label"] = words.label
+    for each in (words.label, words.percent, words.percents, words.probability, words.times):
+        environment.filters[each.__name__] = each
     source = importlib.resources.files(__package__).joinpath("page.html.j2").read_text(encoding="utf-8")
-    picture = _overview(diagnosis)
+    named = {name for each in diagnosis.candidates for name in each.names}
+    effects = {effect.name: effect for each in diagnosis.candidates for effect in each.effects}
     return environment.from_string(source).render(
-        title=f"{words.VERDICTS[diagnosis.verdict].upper()}: {', '.join(asked.bags)}",
+        diagnosis=diagnosis,
         asked=asked,
-        # the verdict, and what a technician should check
-        verdict=words.VERDICTS[diagnosis.verdict].upper(),
-        waterfall=_waterfall(diagnosis) if diagnosis.ledger and math.isfinite(diagnosis.ledger[0].share) else "",
+        words=words,
+        verdict=diagnosis.verdict.name,
         tone=_TONES[diagnosis.verdict],
-        finished=diagnosis.finished,
-        answers=words.answers(diagnosis),
-        signal=picture[0] if picture else "",
-        picture=picture[1] if picture else "",
-        headline=words.headline(diagnosis),
-        is_unknown=diagnosis.verdict is Verdict.UNKNOWN,
-        checks=words.checks(diagnosis, asked.sentences),
-        explanation=words.explanation(diagnosis),
-        corrected=words.corrected_note(diagnosis, asked.corrected),
-        best=" + ".join(words.label(effect.name) for effect in diagnosis.effects),
-        has_references=bool(asked.references),
-        **_posterior(diagnosis, asked),
+        best=words.names_label([effect.name for effect in diagnosis.effects]) if diagnosis.effects else "",
+        overview=_overview(diagnosis),
+        waterfall=_waterfall(diagnosis) if diagnosis.ledger and math.isfinite(diagnosis.ledger[0].share) else "",
+        chart=_chart(bars_of(diagnosis)) if diagnosis.posterior else "",
         **_traces(diagnosis),
-        **_sizes(diagnosis),
-        # where the gap lies, and how far it closes
+        sizes=words.parameter_lines(diagnosis.effects),
+        other_sizes=words.parameter_lines([each for each in effects.values() if each not in diagnosis.effects]),
         heat=heat_map(diagnosis.where),
-        subsystems=[
-            {"name": name, "percent": percent(value), "width": f"{220.0 * value:.1f}"}
-            for name, value in diagnosis.subsystems.items()
-        ],
-        overall=_closing_line("all recordings", diagnosis.gap),
-        held_out=[_closing_line(each.setting, each.closing) for each in diagnosis.held_out],
         settings=len({each.setting for each in diagnosis.traces}),
-        signals=signal_lines(diagnosis),
-        **_identifiability(diagnosis),
-        constants=constant_lines(diagnosis, asked.constants),
-        references_left=times(max(diagnosis.references_left, 0.0) ** 0.5),
-        # notes, and how it was done
-        notes=diagnosis.notes,
-        reasons=diagnosis.reasons,
-        rate=f"{100.0 * diagnosis.false_alarm_rate:g} %",
-        wall=f"{diagnosis.spent.wall_s:.0f}",
-        runs=diagnosis.spent.runs,
-        simulated=f"{diagnosis.spent.simulated_s:.0f}",
+        signals=words.signal_lines(diagnosis),
+        classes=sorted(
+            ({"members": each, "named": bool(named & set(each))} for each in diagnosis.classes),
+            key=lambda each: not each["named"],
+        ),
+        constants=words.constant_lines(diagnosis, asked.constants),
     )
-
-
-def _posterior(diagnosis: Diagnosis, asked: Asked) -> dict[str, Any]:
-    """Return how probable each candidate is, and none of them."""
-    return {
-        "chart": _chart(bars_of(diagnosis)) if diagnosis.posterior else "",
-        "has_gap": diagnosis.verdict is not Verdict.NO_GAP,
-        "offered": len(asked.sentences),
-        "candidates": [_candidate_line(each) for each in diagnosis.candidates],
-    }
 
 
 def _traces(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -137,14 +98,12 @@ def _traces(diagnosis: Diagnosis) -> dict[str, Any]:
     ordered = _most_telling(diagnosis)[:MOST_TRACES]
     allowed = int(_BYTES / (_BYTES_PER_STRETCH * max(len(ordered), 1)))
     stretches = min(max(allowed, _FEWEST_STRETCHES), _MOST_STRETCHES)
-    several = len({each.setting for each in diagnosis.traces}) > 1
-    best = " + ".join(words.label(effect.name) for effect in diagnosis.effects)
     drawn = [
         {
-            "title": f"{each.signal} ({each.setting})" if several else each.signal,
-            "gap": times(_gap_of(each)),
-            "left": times(_gap_of(each, corrected=True)),
-            "image": _picture(each, best, stretches),
+            "title": _title(diagnosis, each),
+            "gap": _gap_of(each),
+            "left": _gap_of(each, corrected=True),
+            "image": _picture(each, stretches, with_effect=bool(diagnosis.effects)),
         }
         for each in ordered
     ]
@@ -155,29 +114,10 @@ def _traces(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _sizes(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return fitted sizes beside the smallest that an ideal diagnosis could have seen in these recordings."""
-    effects = {effect.name: effect for each in diagnosis.candidates for effect in each.effects}
-    return {
-        "sizes_title": words.effects_title(diagnosis),
-        "sizes": parameter_lines(diagnosis.effects),
-        "other_sizes": parameter_lines([effect for effect in effects.values() if effect not in diagnosis.effects]),
-    }
-
-
-def _identifiability(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return what these recordings cannot distinguish or not see at all, and which run would."""
-    named = {name for each in diagnosis.candidates for name in each.names}
-    classes = sorted(diagnosis.classes, key=lambda members: not named & set(members))
-    return {
-        "following": diagnosis.next_experiment,
-        "following_sentence": words.next_sentence(diagnosis),
-        "classes": [
-            {"members": ", ".join(map(words.label, members)), "named": bool(named & set(members))}
-            for members in classes
-        ],
-        "silent": [words.label(name) for name in diagnosis.silent],
-    }
+def _title(diagnosis: Diagnosis, trace: Trace) -> str:
+    """Return the signal of a trace, and its setting if there are several."""
+    several = len({each.setting for each in diagnosis.traces}) > 1
+    return f"{trace.signal} ({trace.setting})" if several else trace.signal
 
 
 @dataclass(frozen=True)
@@ -206,17 +146,6 @@ def bars_of(diagnosis: Diagnosis) -> list[Bar]:
         colour = _NONE if not key else _IN_SET if key in kept else _OUTSIDE
         found.append(Bar(" = ".join(members[key]), value, colour))
     return [*found, Bar(f"the other {left} together", rest, _OUTSIDE)] if left else found
-
-
-def _candidate_line(candidate: Candidate) -> dict[str, str]:
-    return {
-        "label": words.candidate_label(candidate),
-        "probability": probability(candidate.probability),
-        "explained": percent(candidate.explained) if candidate.names else "",
-        "parameters": "; ".join(
-            f"{line['parameter']} {line['value']} ({line['interval']})" for line in parameter_lines(candidate.effects)
-        ),
-    }
 
 
 def heat_map(places: Sequence[Place]) -> dict[str, Any]:
@@ -252,35 +181,6 @@ def _cell(place: Place | None) -> dict[str, Any] | None:
     }
 
 
-def signal_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """Return the gap of every signal before and after, largest first."""
-    physical = {
-        each.signal: quantities((each.scatter_physical, each.nominal_physical, each.corrected_physical), each.unit)
-        for each in diagnosis.signals
-    }
-    return [
-        {
-            "signal": each.signal,
-            **dict(zip(("scatter", "nominal_physical", "corrected_physical"), physical[each.signal], strict=True)),
-            "nominal": times(each.nominal),
-            "corrected": times(each.corrected),
-            "tone": "" if each.nominal > _CLEAR else "quiet",
-        }
-        for each in sorted(diagnosis.signals, key=lambda one: -one.nominal)
-    ]
-
-
-def _closing_line(name: str, closing: Closing) -> dict[str, str]:
-    """Return one closing as text."""
-    return {
-        "name": name,
-        "nominal": times(closing.nominal),
-        "corrected": times(closing.corrected),
-        "closed": percent(closing.closed),
-        "interval": percents(closing.interval),
-    }
-
-
 def _gap_of(trace: Trace, *, corrected: bool = False) -> float:
     """Return the root mean square of a trace's difference, or of what the signature leaves, in healthy scatter."""
     left = trace.difference - trace.signature if corrected else trace.difference
@@ -293,7 +193,7 @@ def _most_telling(diagnosis: Diagnosis) -> list[Trace]:
     return sorted(diagnosis.traces, key=lambda each: (-shares.get(each.signal, 0.0), -_gap_of(each)))
 
 
-def _overview(diagnosis: Diagnosis) -> tuple[str, Markup] | None:
+def _overview(diagnosis: Diagnosis) -> dict[str, Any] | None:
     """Return signal and picture of the gap that shrinks, where most of it lies; None without a signal over time.
 
     Above: what was measured, and what the simulator says without and with the effect. Below: what is left of the
@@ -330,8 +230,7 @@ def _overview(diagnosis: Diagnosis) -> tuple[str, Markup] | None:
         above.legend(loc="lower left", bbox_to_anchor=(0.0, 0.98), ncols=3, borderaxespad=0.1)
         below.legend(loc="best", ncols=3)
         figure.align_ylabels()
-        setting = f" ({trace.setting})" if len({each.setting for each in diagnosis.traces}) > 1 else ""
-        return f"{trace.signal}{setting}", _embedded(figure)
+        return {"signal": _title(diagnosis, trace), "image": _embedded(figure)}
 
 
 def _waterfall(diagnosis: Diagnosis) -> Markup:
@@ -369,7 +268,7 @@ def _fill(axes: Axes, trace: Trace, factor: float, stretches: int) -> None:
     axes.fill_between(time_s, band, -band, color="#888888", alpha=0.22, linewidth=0, label="healthy scatter, ±2")
 
 
-def _picture(trace: Trace, best: str, stretches: int) -> Markup:
+def _picture(trace: Trace, stretches: int, *, with_effect: bool) -> Markup:
     factor, unit = _scale_of(trace)
     with mpl.rc_context({**STYLE, **_TEXT}):
         figure = Figure(figsize=(10.0, 2.7))
@@ -381,7 +280,7 @@ def _picture(trace: Trace, best: str, stretches: int) -> Markup:
         _fill(right, trace, factor, stretches)
         difference, signature = trace.difference / factor, trace.signature / factor
         _draw(right, x, difference, stretches, color=_MEASURED, label="difference", linewidth=1.3)
-        if best:
+        if with_effect:
             corrected = trace.simulated / factor + signature
             _draw(left, x, corrected, stretches, color=_CORRECTED, label="with effect", linestyle=(0, (4, 2)))
             _draw(right, x, signature, stretches, color=_CORRECTED, label="signature")

@@ -11,8 +11,8 @@ from rich.table import Table
 from jammkle_common.command import results
 from jammkle_gap.core.result import Verdict
 from jammkle_gap.report import words
-from jammkle_gap.report.page import bars_of, signal_lines
-from jammkle_gap.report.words import parameter_lines, percent, percents, times
+from jammkle_gap.report.page import bars_of
+from jammkle_gap.report.words import parameter_lines, percent, percents, signal_lines, times
 
 if TYPE_CHECKING:
     from pathlib import Path

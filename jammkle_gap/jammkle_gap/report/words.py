@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +55,8 @@ _LARGEST_PLAIN = 1e5
 _SMALLEST_PLAIN = 1e-3
 _MANY_UNITS = 10.0
 _SURE, _NEVER = 0.99, 0.01
+_CLEAR = 1.5
+"""Gap of a signal above which its line stands out. Chosen: healthy runs hardly ever leave so much."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Asked:
     """File of the corrected simulator."""
     origin: Origin
     """Version, date and command that made the page."""
-    constants: Sequence[Nuisance] = field(default=())
+    constants: Sequence[Nuisance]
     """Of the machine, which references calibrate."""
 
 
@@ -133,13 +135,13 @@ def answers(diagnosis: Diagnosis) -> tuple[Answer, ...]:
 
 
 def _where(diagnosis: Diagnosis) -> Answer:
-    if diagnosis.verdict is Verdict.NO_GAP and diagnosis.ledger:
-        worst = max(diagnosis.signals, key=lambda each: each.nominal)
-        left = f"of {quantity(worst.nominal_physical, worst.unit)} {quantity(worst.corrected_physical, worst.unit)}"
-        return Answer("Where", "Within tolerance", f"Most in {worst.signal}: {left} are left (root mean square).")
     if diagnosis.verdict is Verdict.NO_GAP:
         worst = max(diagnosis.signals, key=lambda each: each.nominal)
-        size = f"{quantity(worst.nominal_physical, worst.unit)}, {times(worst.nominal)} times healthy scatter"
+        before, after = quantity(worst.nominal_physical, worst.unit), quantity(worst.corrected_physical, worst.unit)
+        if diagnosis.ledger:
+            more = f"Most in {worst.signal}: of {before} {after} are left (root mean square)."
+            return Answer("Where", "Within tolerance", more)
+        size = f"{before}, {times(worst.nominal)} times healthy scatter"
         return Answer("Where", "Nowhere", f"The largest difference, in {worst.signal}, is {size} (root mean square).")
     place, share = main_place(diagnosis.where)
     more = f"{percent(share)} of the gap is in this signal, {percent(place.share)} ({percents(place.interval)}) then."
@@ -377,9 +379,9 @@ def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
             "sentence": effect.sentence,
             "parameter": each.name,
             "quantity": _without_unit(each.name, each.unit),
-            "value": known(each.value, each.interval, each.unit),
+            "value": estimate(each.value, each.interval, each.unit),
             "interval": span(each.value, each.interval, each.unit),
-            "detectable": known(each.detectable, each.interval, each.unit)
+            "detectable": estimate(each.detectable, each.interval, each.unit)
             if math.isfinite(each.detectable)
             else "none within its bounds",
             "remark": "at a bound: the truth may lie beyond" if each.at_bound else "",
@@ -389,36 +391,62 @@ def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
     ]
 
 
-def _calibrated(constant: Nuisance, deviations: float) -> float:
-    """Return the value of a constant that moved by some standard deviations of its prior, within its bounds."""
-    return float(np.clip(constant.null + deviations * constant.sigma, constant.minimum, constant.maximum))
+def signal_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """Return the gap of every signal before and after, largest first."""
+    lines = []
+    for each in sorted(diagnosis.signals, key=lambda one: -one.nominal):
+        sizes = quantities((each.scatter_physical, each.nominal_physical, each.corrected_physical), each.unit)
+        lines.append(
+            {
+                "signal": each.signal,
+                **dict(zip(("scatter", "nominal_physical", "corrected_physical"), sizes, strict=True)),
+                "nominal": times(each.nominal),
+                "corrected": times(each.corrected),
+                "tone": "" if each.nominal > _CLEAR else "quiet",
+            }
+        )
+    return lines
 
 
 def constant_lines(diagnosis: Diagnosis, constants: Sequence[Nuisance]) -> list[dict[str, str]]:
-    """Return one line per constant that moved by more than a standard deviation, largest move first."""
-    known = {each.name: each for each in constants}
+    """Return one line per constant that moved by more than a standard deviation, largest move first.
+
+    Args:
+        diagnosis: What was found; constants are fitted beside the effects, or calibrated to references before.
+        constants: All that the machine has.
+
+    """
+    by_name = {each.name: each for each in constants}
     if diagnosis.constants:
-        return [
-            {
-                "name": each.name,
-                "deviations": f"{each.deviations:+.1f}",
-                "nominal": quantity(each.nominal, each.unit),
-                "value": f"{quantity(each.value, each.unit)} ({span(each.value, each.interval, each.unit)})",
-                "source": known[each.name].source if each.name in known else "",
-            }
+        moved = [
+            (
+                each.name,
+                each.deviations,
+                f"{quantity(each.value, each.unit)} ({span(each.value, each.interval, each.unit)})",
+            )
             for each in diagnosis.constants
             if abs(each.deviations) >= _MOVED
+        ]
+    else:
+        moved = [
+            (name, deviations, quantity(_calibrated(by_name[name], deviations), by_name[name].unit))
+            for name, deviations in diagnosis.calibration.items()
         ]
     return [
         {
             "name": name,
-            "deviations": f"{moved:+.1f}",
-            "nominal": quantity(known[name].null, known[name].unit) if name in known else "",
-            "value": quantity(_calibrated(known[name], moved), known[name].unit) if name in known else "",
-            "source": known[name].source if name in known else "",
+            "deviations": f"{deviations:+.1f}",
+            "nominal": quantity(by_name[name].null, by_name[name].unit),
+            "value": value,
+            "source": by_name[name].source,
         }
-        for name, moved in diagnosis.calibration.items()
+        for name, deviations, value in moved
     ]
+
+
+def _calibrated(constant: Nuisance, deviations: float) -> float:
+    """Return the value of a constant that moved by some standard deviations of its prior, within its bounds."""
+    return float(np.clip(constant.null + deviations * constant.sigma, constant.minimum, constant.maximum))
 
 
 def scale(value: float, unit: str) -> tuple[float, str]:
@@ -463,7 +491,7 @@ def quantities(values: Sequence[float], unit: str) -> list[str]:
     return [f"{digits(each / factor)} {name}".rstrip() if math.isfinite(each) else _DASH for each in values]
 
 
-def known(value: float, interval: tuple[float, float], unit: str) -> str:
+def estimate(value: float, interval: tuple[float, float], unit: str) -> str:
     """Return a number with its unit and as many digits as its interval has."""
     if not all(map(math.isfinite, (value, *interval))):
         return quantity(value, unit)

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from jammkle_common.command.options import WITHOUT_A_ROBOT, JsonOption, NamespaceOption
-from jammkle_sim.commands.table import REQUIRED, Option, command_of
-from jammkle_sim.robots.options import ROBOTS, RobotOptions
+from jammkle_sim.commands.table import REQUIRED, Option, command_of, epilog_of
+from jammkle_sim.robots.options import ROBOTS, RobotRunOptions
 
 ANKLE = "ankle"
 """What is no robot, but has a URDF."""
@@ -50,21 +50,12 @@ _ROBOT: dict[str, Option] = {
         Annotated[bool, typer.Option("--mjcf", help="Print the robot's model as MuJoCo loads it, and run nothing.")],
         False,
     ),
-    "duration_s": (Annotated[float, typer.Option(help="Simulated time, 0.1 to 3600 s.")], 5.0),
-    "imu_rate_hz": (
-        Annotated[int, typer.Option(help="Rate of IMU, joints, tendons and true contact: 100, 200, 500 or 1000 Hz.")],
-        500,
-    ),
-    "vacuum_kpa": (
-        Annotated[float, typer.Option(help="Vacuum of all ankles from the start on, 0 to 75 kPa; 0: soft.")],
-        0.0,
-    ),
     "namespace": (NamespaceOption, "/"),
     "json": (JsonOption, None),
 }
 
 
-def _robot(given: dict[str, Any], options: RobotOptions) -> int:
+def _robot(given: dict[str, Any], options: RobotRunOptions) -> int:
     from jammkle_sim.commands.robot import describe
     from jammkle_sim.commands.robot import robot as run
 
@@ -75,4 +66,5 @@ app.command(
     "robot",
     rich_help_panel=WITHOUT_A_ROBOT,
     help="Run a leg or a quadruped without the graph, as fast as it can, and write a bag with the true contacts.",
-)(command_of(RobotOptions, _ROBOT, _robot))
+    epilog=epilog_of(RobotRunOptions),
+)(command_of("robot {robot}", RobotRunOptions, _ROBOT, _robot))

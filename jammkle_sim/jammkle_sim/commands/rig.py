@@ -20,7 +20,7 @@ from jammkle_common.command.results import progress_bar
 from jammkle_common.constants import MAX_REPEATS
 from jammkle_common.names import normalised
 from jammkle_sim.commands.bag import write_bags
-from jammkle_sim.commands.table import Option, command_of, errors_of_a_run, figures_table
+from jammkle_sim.commands.table import Option, command_of, epilog_of, errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig, save_mjcf, scattered
 from jammkle_sim.rigs.rig import BadChangeError, load_change
@@ -103,8 +103,9 @@ def rig_app(run: Callable[[str, dict[str, Any], Any], int]) -> typer.Typer:
         add_completion=False,
     )
     for kind in RIGS.values():
-        command = command_of(kind.options, _COMMON, partial(run, kind.name))
-        app.command(kind.name, help=f"{kind.title[0].upper()}{kind.title[1:]}.")(command)
+        command = command_of(f"rig {kind.name}", kind.options, _COMMON, partial(run, kind.name))
+        title = f"{kind.title[0].upper()}{kind.title[1:]}."
+        app.command(kind.name, help=title, epilog=epilog_of(kind.options))(command)
     # A single command would swallow its own name.
     app.callback()(lambda: None)
     return app

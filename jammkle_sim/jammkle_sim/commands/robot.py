@@ -12,31 +12,27 @@ from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
 from jammkle_common.command.results import progress_bar
 from jammkle_common.names import CHANNELS, normalised
-from jammkle_common.parameters import in_si
+from jammkle_common.parameters import option_name, rows, typed_value
 from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.commands.table import errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
-from jammkle_sim.rigs.options import changed_text
 from jammkle_sim.rigs.run import run_robot
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import ANKLE, ankle_alone
 from jammkle_sim.robots.catalogue import robot as robot_of_ours
-from jammkle_sim.robots.options import ROBOTS, RobotOptions
+from jammkle_sim.robots.options import ROBOTS, RobotRunOptions
 from jammkle_sim.robots.urdf import robot_mjcf, robot_urdf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from jammkle_sim.rigs.run import RigRun
 
-_LONGEST_S, _SHORTEST_S = 3600.0, 0.1
-_RATES_HZ = (100, 200, 500, 1000)
-_LARGEST_VACUUM_KPA = 75.0
 _RUN_SHARE = 0.5
 """Share of the time that the run takes; the rest is the bag. Measured, roughly."""
 
 
-def robot(given: dict[str, Any], options: RobotOptions) -> int:
+def robot(given: dict[str, Any], options: RobotRunOptions) -> int:
     """Check everything, run the robot, write its bag, and show the figures.
 
     Raises:
@@ -45,7 +41,9 @@ def robot(given: dict[str, Any], options: RobotOptions) -> int:
         Interrupted: asked to stop.
 
     """
-    _check(given)
+    if given["robot"] not in ROBOTS:
+        msg = f"ROBOT '{given['robot']}' does not exist; it must be {' or '.join(ROBOTS)}"
+        raise InputError(msg)
     if given["output"] is None:
         msg = "Missing option '--output' / '-o': the folder of the new bag (or --urdf, --mjcf: the description alone)"
         raise InputError(msg)
@@ -53,7 +51,7 @@ def robot(given: dict[str, Any], options: RobotOptions) -> int:
     results.check_writable(given["json"])
     check_free(bag)
     with progress_bar(f"robot {name}") as show:
-        runs = _run(given, options, lambda share: show(_RUN_SHARE * share, ""), namespace)
+        runs = _run(name, options, lambda share: show(_RUN_SHARE * share, ""), namespace)
         # as on the graph: a single ankle is in the robot's own namespace, several are below it
         placed = runs if len(runs) > 1 else {"": next(iter(runs.values()))}
         try:
@@ -69,37 +67,28 @@ def robot(given: dict[str, Any], options: RobotOptions) -> int:
     return 0
 
 
-def _check(values: dict[str, Any]) -> None:
-    """Refuse what is no robot's own option and out of range."""
-    if values["robot"] not in ROBOTS:
-        msg = f"ROBOT '{values['robot']}' does not exist; it must be {' or '.join(ROBOTS)}"
-        raise InputError(msg)
-    if not _SHORTEST_S <= values["duration_s"] <= _LONGEST_S:
-        msg = f"--duration-s {values['duration_s']:g} must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
-        raise InputError(msg)
-    if values["imu_rate_hz"] not in _RATES_HZ:
-        msg = f"--imu-rate-hz {values['imu_rate_hz']} must be one of {', '.join(map(str, _RATES_HZ))} Hz"
-        raise InputError(msg)
-    if not 0.0 <= values["vacuum_kpa"] <= _LARGEST_VACUUM_KPA:
-        msg = f"--vacuum-kpa {values['vacuum_kpa']:g} must be 0 to {_LARGEST_VACUUM_KPA:g} kPa"
-        raise InputError(msg)
-
-
 def _run(
-    given: dict[str, Any], options: RobotOptions, on_progress: Callable[[float], None], namespace: str
+    name: str, options: RobotRunOptions, on_progress: Callable[[float], None], namespace: str
 ) -> dict[str, RigRun]:
-    duration_s, rate_hz = given["duration_s"], given["imu_rate_hz"]
+    rate_hz = options.imu_rate_hz
     with errors_of_a_run():
-        built = robot_of_ours(given["robot"], options)
+        built = robot_of_ours(name, options)
         simulation = Simulation(built)
         for ankle in simulation.ankles.values():
-            ankle.hold_vacuum(dict.fromkeys(CHANNELS, float(in_si("vacuum_pa", given["vacuum_kpa"]))))
+            ankle.hold_vacuum(dict.fromkeys(CHANNELS, options.vacuum_pa))
         urdf_text = robot_urdf(built, namespace)
         try:
-            return run_robot(simulation, duration_s, rate_hz, on_progress, StopRequest(), urdf_text)
+            return run_robot(simulation, options.duration_s, rate_hz, on_progress, StopRequest(), urdf_text)
         except ValueError as error:
-            msg = f"--imu-rate-hz {rate_hz}: {error}"
+            msg = f"{_changed(options, {'timestep_s', 'imu_rate_hz'})}: {error}, of which 1/rate must be a whole number"
             raise InputError(msg) from error
+
+
+def _changed(options: RobotRunOptions, of: Collection[str] = ()) -> str:
+    """Return the options that are not as by default, all or some, as they are typed."""
+    values = [(row, getattr(options, row.name)) for row in rows(RobotRunOptions) if not of or row.name in of]
+    changed = [(row.name, value) for row, value in values if value != row.default]
+    return ", ".join(f"{option_name(name)} {typed_value(name, value)}" for name, value in changed)
 
 
 def _show(name: str, runs: dict[str, RigRun]) -> None:
@@ -110,7 +99,7 @@ def _show(name: str, runs: dict[str, RigRun]) -> None:
             console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")
 
 
-def describe(given: dict[str, Any], options: RobotOptions) -> int:
+def describe(given: dict[str, Any], options: RobotRunOptions) -> int:
     """Print the URDF or the MJCF of a robot, or of an ankle by itself, which has no options.
 
     Raises:
@@ -124,8 +113,8 @@ def describe(given: dict[str, Any], options: RobotOptions) -> int:
     if robot not in {ANKLE, *ROBOTS}:
         msg = f"ROBOT '{robot}' does not exist; it must be {', '.join((ANKLE, *ROBOTS))}"
         raise InputError(msg)
-    if robot == ANKLE and options != RobotOptions():
-        msg = f"{changed_text(options)} needs ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
+    if robot == ANKLE and options != RobotRunOptions():
+        msg = f"{_changed(options)} needs ROBOT leg or quadruped: an ankle by itself carries nothing but its IMU"
         raise InputError(msg)
     built = ankle_alone() if robot == ANKLE else robot_of_ours(robot, options)
     namespace = normalised(given["namespace"])

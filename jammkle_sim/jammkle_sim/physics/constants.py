@@ -79,6 +79,10 @@ class TendonParameters:
     friction_yield_n_per_pa: tuple[float, float] = (0.31346e-3, 0.31911e-3)
     """Yield force of each element per vacuum beyond the onset, before `friction_scale`, N/Pa. Fitted to the reference
     model, and to rows multi_vac10, multi_vac30 and multi_vac50."""
+    early_slip: float = 0.0
+    """Share of the friction whose contacts slide one after the other instead of together, 1; 0 to 1. See
+    `physics.tendon.slip_elements`. Assumed: 0, as all contacts of the reference model have one coefficient of friction
+    for a pair of materials."""
     friction_scale: float = 1.0
     """Factor on all yield forces, 1. Assumed: the tendon as new; 0 for identical fibres, which do not slide."""
     friction_onset_pa: float = 8.000e3

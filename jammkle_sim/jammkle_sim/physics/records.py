@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 BRANCHES = 5
 """Maxwell branches of a tendon."""
-ELEMENTS = 2
-"""Elastic-Coulomb elements of a tendon."""
+ELEMENTS = 4
+"""Elastic-Coulomb elements of a tendon: those of `early_slip`, and the two of its friction."""
 TABLE_POINTS = 1111
 """Points of the static force curve: every 50 um up to just beyond the break extension."""
 

@@ -92,8 +92,12 @@ def tendon_law(
     record["gain"] = (
         np.array([*parameters.relaxation_gains, parameters.creep_gain]) * times_s / timestep_s * (1.0 - decay)
     )
-    record["friction_stiffness_n_m"] = parameters.friction_stiffness_n_m
-    record["friction_yield_n_per_pa"] = np.array(parameters.friction_yield_n_per_pa) * parameters.friction_scale
+    record["friction_stiffness_n_m"], yields_n_per_pa = slip_elements(
+        np.array(parameters.friction_stiffness_n_m),
+        np.array(parameters.friction_yield_n_per_pa),
+        parameters.early_slip,
+    )
+    record["friction_yield_n_per_pa"] = yields_n_per_pa * parameters.friction_scale
     record["friction_onset_pa"] = parameters.friction_onset_pa
     record["stiffening_per_pa"] = parameters.pressure_stiffening / _STIFFENING_REFERENCE_PA
     record["grip_n_per_pa"] = parameters.grip_n_per_pa
@@ -103,6 +107,39 @@ def tendon_law(
     record["free_length_m"] = free_length_m
     record["channel"] = channel
     return law
+
+
+def slip_elements(
+    stiffness_n_m: NDArray[np.float64], yield_n_per_pa: NDArray[np.float64], early_slip: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return elastic-Coulomb elements whose contacts slide one after the other, to a share.
+
+    Two elements hold all of a pull until the first slides. Where friction along a contact is overcome from its end on,
+    the force grows with the root of the extension from the start (shear lag with a constant friction: Cox 1952, Br. J.
+    Appl. Phys. 3:72; Kelly and Tyson 1965, J. Mech. Phys. Solids 13:329). Four elements follow that root by chords; all
+    slide at the same extension, with the same force, as the two do (Iwan 1966, J. Appl. Mech. 33:893).
+
+    Args:
+        stiffness_n_m: Of two elements, the first to slide first, N/m.
+        yield_n_per_pa: Force at which each slides, per vacuum, N/Pa.
+        early_slip: Share of the root; the rest is as the two elements have it.
+
+    Returns:
+        Stiffness, N/m, and yield force per vacuum, N/Pa, shape (4,), the first to slide first.
+
+    """
+    first, last = yield_n_per_pa / stiffness_n_m
+    if last <= 0.0:  # nothing rubs
+        return np.array([*stiffness_n_m, *stiffness_n_m]), np.zeros(4)
+    slides = np.array([last / 36.0, last / 9.0, first, last])
+    slope = np.diff(yield_n_per_pa.sum() * np.sqrt(slides / last), prepend=0.0) / np.diff(slides, prepend=0.0)
+    stiffness = early_slip * -np.diff(slope, append=0.0)
+    stiffness[2:] += (1.0 - early_slip) * stiffness_n_m
+    return np.maximum(stiffness, _LEAST_STIFFNESS_N_M), stiffness * slides
+
+
+_LEAST_STIFFNESS_N_M = 1e-6
+"""Of an element that holds nothing, N/m: it follows, and the law divides by it."""
 
 
 def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:

@@ -78,11 +78,16 @@ class DropOptions:
     vacuum_pa: float = jammed_vacuum_option()
     drop_height_m: float = drop_height_option("ground")
     mass_kg: float = mass_option()
-    pitch_deg: float = parameter(40.0, "Pitch at which an ankle's foot lands, toe-down", "deg", 0.0, 60.0)
+    pitch_deg: float = parameter(40.0, "Pitch at which an ankle's foot lands, toe-down", "deg", 0.0, 60.0, flag=False)
     """The paper does not tell the pose. Chosen toe-down so that the ankle has way to yield: 31 m/s^2 takes 16 mm at
     least, which a flat landing on a ball joint does not have; 40 so that the heel does not strike in any repeat."""
     pretension_m: float = parameter(
-        0.0005, "Extension of the Achilles tendons as the foot hangs; below 0 they are slack", "m", -0.005, 0.01
+        0.0005,
+        "Extension of the Achilles tendons as the foot hangs; below 0 they are slack",
+        "m",
+        -0.005,
+        0.01,
+        flag=False,
     )
     """Chosen, with the toe's lever, so that the means of both ankles come out."""
     friction: float = parameter(0.1, "Coulomb friction between foot and ground", "", 0.0, 2.0)

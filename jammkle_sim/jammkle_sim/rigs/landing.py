@@ -43,7 +43,7 @@ class LandingOptions:
     friction: float = slope_friction_option()
     drop_height_m: float = drop_height_option("slope")
     release_time_s: float = release_time_option("each start", 3600.0)
-    mass_kg: float = mass_option()
+    mass_kg: float = mass_option(flag=False)
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = timestep_option("a whole number of nanoseconds")

@@ -25,6 +25,7 @@ def parameter_set_option() -> Any:
         "fitted",
         "Constants of the tendons: fitted to the paper's measurements, or as printed in it",
         choices=tuple(TENDON_SETS),
+        flag=False,
     )
 
 
@@ -35,7 +36,7 @@ def timestep_option(rule: str) -> Any:
         rule: What it must fit, in words.
 
     """
-    return parameter(0.0005, f"Length of a simulation step; {rule}", "s", 1e-4, 1e-3)
+    return parameter(0.0005, f"Length of a simulation step; {rule}", "s", 1e-4, 1e-3, flag=False)
 
 
 def run_timestep_option() -> Any:
@@ -50,12 +51,13 @@ def jammed_vacuum_option() -> Any:
 
 def hang_pitch_option() -> Any:
     """Make the field `hang_pitch_deg` of an exercise, whose ankle is a robot's as it is built."""
-    return parameter(0.0, "Pitch at which the ankle's foot hangs from its shank, toe-down; 0: flat", "deg", 0.0, 45.0)
+    description = "Pitch at which the ankle's foot hangs from its shank, toe-down; 0: flat"
+    return parameter(0.0, description, "deg", 0.0, 45.0, flag=False)
 
 
 def reservoir_option() -> Any:
     """Make the field `reservoir_volume_m3` of an exercise, whose air is a robot's as it is built."""
-    return parameter(0.0, "Reservoir that stores vacuum between two jams; 0: none", "m^3", 0.0, 1e-3)
+    return parameter(0.0, "Reservoir that stores vacuum between two jams; 0: none", "m^3", 0.0, 1e-3, flag=False)
 
 
 def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:
@@ -78,12 +80,17 @@ def release_time_option(start: str, longest_s: float) -> Any:
         longest_s: Upper end of its range, s.
 
     """
-    return parameter(1.0, f"Time after {start} at which the carriage is released", "s", 0.0, longest_s)
+    return parameter(1.0, f"Time after {start} at which the carriage is released", "s", 0.0, longest_s, flag=False)
 
 
-def mass_option() -> Any:
-    """Make the field `mass_kg`; the paper's drop test has 1.8 kg."""
-    return parameter(1.8, "Mass of all that falls, foot included", "kg", 0.5, 20.0)
+def mass_option(*, flag: bool = True) -> Any:
+    """Make the field `mass_kg`; the paper's drop test has 1.8 kg.
+
+    Args:
+        flag: Whether it can be typed, and not only be set in a file.
+
+    """
+    return parameter(1.8, "Mass of all that falls, foot included", "kg", 0.5, 20.0, flag=flag)
 
 
 def slope_option(*, dynamic: bool = False) -> Any:

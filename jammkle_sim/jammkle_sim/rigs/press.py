@@ -55,7 +55,7 @@ class PressOptions:
 
     tilt_deg: float = parameter(15.0, "How far the shank is tilted for each press", "deg", 5.0, 30.0)
     turn_deg: float = parameter(8.0, "How far the ground turns the foot back, less than the tilt", "deg", 1.0, 25.0)
-    sides: str = parameter("yes", "Whether it is pressed on its sides too", choices=("yes", "no"))
+    sides: str = parameter("yes", "Whether it is pressed on its sides too", choices=("yes", "no"), flag=False)
     way_time_s: float = parameter(0.6, "How long each way down and up takes", "s", 0.1, 10.0)
     friction: float = slope_friction_option()
     vacuum_pa: float = parameter(

@@ -44,10 +44,16 @@ class PressureOptions:
     cycles: int = parameter(3, "How many cycles", "", 1, 100)
     jam_time_s: float = parameter(1.0, "How long each cycle holds the vacuum", "s", 0.1, 60.0)
     vent_time_s: float = parameter(0.5, "How long each cycle vents", "s", 0.1, 60.0)
-    pump_free_flow_l_min: float = parameter(6.0, "Flow of the pump without vacuum", "l/min", 0.5, 30.0)
-    pump_ultimate_vacuum_pa: float = parameter(80e3, "Vacuum at which the pump stops drawing", "Pa", 20e3, 100e3)
-    valve_dead_time_s: float = parameter(0.010, "Time from command to movement of a solenoid", "s", 0.0, 0.1)
-    leak_dm3_s_bar: float = parameter(1e-4, "Sonic conductance of the leak into each volume", "dm3/(s bar)", 0.0, 0.05)
+    pump_free_flow_l_min: float = parameter(6.0, "Flow of the pump without vacuum", "l/min", 0.5, 30.0, flag=False)
+    pump_ultimate_vacuum_pa: float = parameter(
+        80e3, "Vacuum at which the pump stops drawing", "Pa", 20e3, 100e3, flag=False
+    )
+    valve_dead_time_s: float = parameter(
+        0.010, "Time from command to movement of a solenoid", "s", 0.0, 0.1, flag=False
+    )
+    leak_dm3_s_bar: float = parameter(
+        1e-4, "Sonic conductance of the leak into each volume", "dm3/(s bar)", 0.0, 0.05, flag=False
+    )
     seed: int = seed_option()
     parameter_set: str = parameter_set_option()
     timestep_s: float = run_timestep_option()

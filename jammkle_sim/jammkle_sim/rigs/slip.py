@@ -83,6 +83,7 @@ class SlipOptions:
         "",
         0.0,
         1.0,
+        flag=False,
     )
     """Assumed, and the condition under which the rigid ankle is well-posed: a hard edge on wood, well below the 0.433
     from which on it wedges at the default slope and leg. There it slides at the first touch and pushes with no more
@@ -92,11 +93,13 @@ class SlipOptions:
     touch and goes with the speed (at 0.43 and 5 mm/s 34 N), and from the limit on, as with the 0.55 of the other feet,
     it is whatever the rig bears."""
     speed_m_s: float = parameter(0.005, "Speed of the carriage, down", "m/s", 0.001, 0.05)
-    descent_m: float = parameter(0.110, "Way of the carriage from the first touch to the halt", "m", 0.01, 0.12)
-    hang_pitch_deg: float = parameter(
-        0.0, "Pitch at which the foot hangs, and the rigid one is fixed, toe-down", "deg", 0.0, 45.0
+    descent_m: float = parameter(
+        0.110, "Way of the carriage from the first touch to the halt", "m", 0.01, 0.12, flag=False
     )
-    leg_m: float = parameter(0.18, "From the ankle's joint to the ball joint at the top", "m", 0.12, 0.4)
+    hang_pitch_deg: float = parameter(
+        0.0, "Pitch at which the foot hangs, and the rigid one is fixed, toe-down", "deg", 0.0, 45.0, flag=False
+    )
+    leg_m: float = parameter(0.18, "From the ankle's joint to the ball joint at the top", "m", 0.12, 0.4, flag=False)
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = run_timestep_option()

@@ -54,10 +54,13 @@ class TensileOptions:
         0.08,
     )
     mounting_error_m: float = parameter(
-        0.0, "How far the crosshead starts above the tendon's free length", "m", -0.005, 0.005
+        0.0, "How far the crosshead starts above the tendon's free length", "m", -0.005, 0.005, flag=False
     )
     channel: str = parameter(
-        names.PERONEAL_LEFT, "Channel that the tendon hangs on; the two others stay vented", choices=names.CHANNELS
+        names.PERONEAL_LEFT,
+        "Channel that the tendon hangs on; the two others stay vented",
+        choices=names.CHANNELS,
+        flag=False,
     )
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()

@@ -100,6 +100,9 @@ def _first_free(host: str) -> int:
 
 
 def _check_free(host: str, port: int) -> None:
+    if not 0 <= port <= _LARGEST_PORT:
+        msg = f"the page cannot listen on port {port}: it must be 1 to {_LARGEST_PORT}"
+        raise InputError(msg)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -112,6 +115,7 @@ def _check_free(host: str, port: int) -> None:
 
 
 _LOCAL = "localhost"
+_LARGEST_PORT = 65535
 
 
 def is_own_page(origin: str | None, host: str | None, names: frozenset[str]) -> bool:

@@ -1,7 +1,8 @@
-"""Joints that move as they were measured, whatever the robot does to them; a floating base is six of them.
+"""Prescribed motion: joints that move as they were measured, whatever acts on them; a floating base is six of them.
 
-They are so heavy that nothing but their drives moves them. The drives get the force that the measured acceleration
-takes, and pull back what strays. In place of a base's free joint there are three slides and three hinges.
+They have so large an armature that nothing but their drives moves them. These get the force that the measured
+acceleration takes, and a PD controller keeps them on the measured path. In place of a base's free joint there are three
+slides and three hinges.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ if TYPE_CHECKING:
 COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
 """Of a base: m, and rad about z, the new y and the new x in turn."""
 BASE_JOINTS = tuple(f"jammkle base {each}" for each in COORDINATES)
-"""Joints that carry the base."""
+"""Joints that move the base."""
 _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1), (0, 1, 0), (1, 0, 0))
 _HEAVY = 1e7
 """Armature of each, kg or kg m^2. Chosen: 1000 N move it by 0.2 mm in 2 s."""
-_DRIVE = "jammkle drive of {}"
-_PULL_HZ = 3.0
-"""Of the drives, without overshoot. Chosen: well below the 100 Hz and more that models are stepped at."""
+_RATE = 2.0 * np.pi * 3.0
+"""Natural frequency of the drives, critically damped, rad/s. Chosen: 3 Hz is well below the 100 Hz and more that models
+are stepped at."""
 
 
-def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
-    """Put the joints and drives that carry the base into a model.
+def prescribe_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
+    """Give a floating base joints and drives that move it as it was measured.
 
     Raises:
         BadRobotError: the model has no floating base, or a recording no odometry.
@@ -55,7 +56,7 @@ def carry_base(spec: mujoco.MjSpec, runs: Sequence[Run]) -> None:
     for number, (name, axis) in enumerate(zip(BASE_JOINTS, _AXES, strict=True)):
         kind = mujoco.mjtJoint.mjJNT_SLIDE if number < len(_AXES) // 2 else mujoco.mjtJoint.mjJNT_HINGE
         body.add_joint(name=name, type=kind, axis=axis)
-        carry_joint(spec, name)
+        prescribe_joint(spec, name)
 
 
 def free_joint(spec: mujoco.MjSpec, wanted: str) -> mujoco.MjsJoint:
@@ -72,32 +73,30 @@ def free_joint(spec: mujoco.MjSpec, wanted: str) -> mujoco.MjsJoint:
     return free[0]
 
 
-def carry_joint(spec: mujoco.MjSpec, name: str) -> None:
+def prescribe_joint(spec: mujoco.MjSpec, name: str) -> None:
     """Make a joint heavy, and give it a drive of its own; one that it has must have been switched off."""
     spec.joint(name).armature = _HEAVY
     spec.joint(name).limited = mujoco.mjtLimited.mjLIMITED_FALSE  # an end stop would move what was measured
     drive = spec.add_actuator(name=drive_of(name), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
     drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    rate = 2.0 * np.pi * _PULL_HZ
     gain, bias = np.zeros_like(drive.gainprm), np.zeros_like(drive.biasprm)
-    gain[0], bias[1], bias[2] = _HEAVY, -_HEAVY * rate**2, -2.0 * _HEAVY * rate
+    gain[0], bias[1], bias[2] = _HEAVY, -_HEAVY * _RATE**2, -2.0 * _HEAVY * _RATE
     drive.gainprm, drive.biasprm = gain, bias
 
 
 def drive_of(joint: str) -> str:
-    """Return the name of the actuator that carries a joint."""
-    return _DRIVE.format(joint)
+    """Return the name of the actuator that moves a joint."""
+    return f"jammkle drive of {joint}"
 
 
-def carrying(motion: Array) -> Array:
+def controls_of(motion: Array) -> Array:
     """Return the controls of the drives on the grid, shape (n, joints).
 
     Args:
         motion: Position, velocity and acceleration of the joints, shape (3, n, joints).
 
     """
-    rate = 2.0 * np.pi * _PULL_HZ
-    found: Array = motion[2] + 2.0 * rate * motion[1] + rate**2 * motion[0]
+    found: Array = motion[2] + 2.0 * _RATE * motion[1] + _RATE**2 * motion[0]
     return found
 
 

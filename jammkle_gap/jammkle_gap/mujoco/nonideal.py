@@ -1,6 +1,7 @@
-"""What no MJCF says of a robot, as delays, backlash and errors of encoders; a model carries it in a text of its own.
+"""Nonidealities of a robot that MJCF cannot describe: delays, backlash, errors of encoders and other sensors.
 
-Formulas of it stand here once, for the simulator that diagnoses and for the `Modifier` of a corrected model.
+A corrected model has them in a text of its own. Their formulas stand here once, for the simulator that diagnoses and
+for the `Modifier` of a corrected model.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap.mujoco.drives import joints_of
 from jammkle_gap.mujoco.runs import BadRobotError, Gains
 from jammkle_sim.physics.engine import mujoco
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 TEXT_NAME = "jammkle"
-"""Of the text of a model that says it, as JSON."""
+"""Of the text of a model that has them, as JSON."""
 _GAINS = "gains"
 """Its key of controllers outside of the model."""
 _LENGTHS = {"stribeck": 2, "sensor_offset": 3, "sensor_turn": 3}
@@ -37,17 +39,17 @@ _NOT_NEGATIVE = ("set_point_lag_s", "slack", "compliance")
 
 
 @dataclass(kw_only=True)
-class Unsaid:
-    """What of drives, sensors and clocks no model says."""
+class Nonidealities:
+    """What of drives, sensors and clocks MJCF cannot describe."""
 
     delay_s: float = 0.0
-    """Of commands or of all readings, which shows as the same; without drives of positions behind efforts; s."""
+    """Of commands, or of all readings: no recording tells which. Without drives: of positions behind efforts. s."""
     arrival_s: float = 0.0
-    """Delay of commands within a period of theirs, s, which no recording says."""
+    """By which commands arrive later than they are stamped, s."""
     effort_delay_s: float = 0.0
     """Of efforts behind positions of the same stamp, s."""
     clock_rate: float = 0.0
-    """How much faster the clock of the readings runs than that of the commands, as a share."""
+    """By which share the clock of the readings runs faster than that of the commands."""
     set_point_lag_s: dict[str, float] = field(default_factory=dict)
     """By joint, as what follows."""
     forward_share: dict[str, float] = field(default_factory=dict)
@@ -57,9 +59,9 @@ class Unsaid:
     compliance: dict[str, float] = field(default_factory=dict)
     """Of a transmission, rad/(N m) or m/N."""
     offset: dict[str, float] = field(default_factory=dict)
-    """Reading of an encoder at zero."""
+    """Reading of an encoder where the joint is at 0, rad or m."""
     scale: dict[str, float] = field(default_factory=dict)
-    """Reading of an encoder per motion."""
+    """Reading of an encoder per motion of the joint."""
     fed_share: dict[str, float] = field(default_factory=dict)
     """Of a commanded effort that arrives at the joint, as torque constant and transmission have it."""
     effort_scale: dict[str, float] = field(default_factory=dict)
@@ -88,7 +90,7 @@ class Unsaid:
             position = position + self.compliance[joint] * effort
         return self.scale.get(joint, 1.0) * position + self.offset.get(joint, 0.0)
 
-    def feel(self, site: str, sense: Sense, own: Array) -> Array:
+    def read_sensor(self, site: str, sense: Sense, own: Array) -> Array:
         """Return what a sensor at a site reads, from what it would without errors; shapes (..., 3)."""
         name = f"{site}/{sense.value}"
         if site in self.sensor_turn:
@@ -97,8 +99,8 @@ class Unsaid:
         found: Array = self.sensor_scale.get(name, 1.0) * own + zero
         return found
 
-    def rubbing(self, model: mujoco.MjModel) -> list[tuple[int, float, float, float, float]]:
-        """Return what `rub` needs of joints whose friction changes within a run, by their degree of freedom."""
+    def friction_rows(self, model: mujoco.MjModel) -> list[tuple[int, float, float, float, float]]:
+        """Return what `update_friction` needs of joints whose friction changes within a run."""
         found = []
         for joint in dict.fromkeys((*self.stribeck, *self.load_friction)):
             dof = int(model.joint(joint).dofadr[0])
@@ -107,13 +109,13 @@ class Unsaid:
         return found
 
 
-def rub(
+def update_friction(
     rows: Sequence[tuple[int, float, float, float, float]], friction: Array, driving: Array, bias: Array, rates: Array
 ) -> None:
     """Write the friction of the next step.
 
     Args:
-        rows: Of `Unsaid.rubbing`.
+        rows: Of `Nonidealities.friction_rows`.
         friction: The model's, which is written, shape (degrees of freedom,), as what follows; N m or N.
         driving: Efforts of drives.
         bias: Efforts of gravity and of what turns.
@@ -127,7 +129,7 @@ def rub(
         friction[dof] = rubs
 
 
-def lost(asked: float, angle: float, half: float) -> float:
+def backlash_offset(asked: float, angle: float, half: float) -> float:
     """Return by how much a motor turns against its load: by half the backlash before it moves it; rad or m."""
     return min(max(asked - angle, -half), half)
 
@@ -138,7 +140,7 @@ def text_of(rest: Mapping[str, Any], gains: Mapping[str, Gains]) -> str:
     return json.dumps(table) if table else ""
 
 
-def unsaid_of(model: mujoco.MjModel) -> tuple[Unsaid, dict[str, Gains]]:
+def nonidealities_of(model: mujoco.MjModel) -> tuple[Nonidealities, dict[str, Gains]]:
     """Return what the text of a model says, and the gains of controllers outside of it; nothing without a text.
 
     Raises:
@@ -147,7 +149,7 @@ def unsaid_of(model: mujoco.MjModel) -> tuple[Unsaid, dict[str, Gains]]:
     """
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, TEXT_NAME)
     if number < 0:
-        return Unsaid(), {}
+        return Nonidealities(), {}
     start = int(model.text_adr[number])
     written = bytes(model.text_data[start : start + int(model.text_size[number])]).rstrip(b"\0")
     try:
@@ -156,7 +158,7 @@ def unsaid_of(model: mujoco.MjModel) -> tuple[Unsaid, dict[str, Gains]]:
         for joint, each in table.pop(_GAINS, {}).items():
             _check_key(model, _GAINS, joint)
             gains[joint] = Gains(*(_number(f"{name} of joint {joint}", each[name]) for name in ("kp", "kd")))
-        return Unsaid(**{name: _field(model, name, value) for name, value in table.items()}), gains
+        return Nonidealities(**{name: _field(model, name, value) for name, value in table.items()}), gains
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         msg = f"text {TEXT_NAME} of the model cannot be used: {' '.join(str(error).split())}"
         msg += "; load the corrected model as it was written, or delete this text in it"
@@ -164,13 +166,8 @@ def unsaid_of(model: mujoco.MjModel) -> tuple[Unsaid, dict[str, Gains]]:
 
 
 def _field(model: mujoco.MjModel, name: str, value: Any) -> Any:
-    """Return the value of a field as `Unsaid` has it.
-
-    Raises:
-        ValueError: there is no such field, or it has no such value.
-
-    """
-    known = {each.name: each for each in fields(Unsaid)}
+    """Return the value of a field as `Nonidealities` has it."""
+    known = {each.name: each for each in fields(Nonidealities)}
     if name not in known:
         msg = f"it has the key '{name}'; it may have: {', '.join((*known, _GAINS))}"
         raise ValueError(msg)
@@ -211,16 +208,3 @@ def _check_key(model: mujoco.MjModel, name: str, key: str) -> None:
     if key not in known:
         msg = f"{name} names {what} {key}, which the model has not; it has: {', '.join(known) or 'none'}"
         raise ValueError(msg)
-
-
-def joint_of(model: mujoco.MjModel, actuator: int) -> str:
-    """Return the name of the joint that an actuator acts on; empty for one on a tendon, a site or a body."""
-    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    on_joint = int(model.actuator_trntype[actuator]) in kinds
-    return str(model.joint(int(model.actuator_trnid[actuator, 0])).name) if on_joint else ""
-
-
-def joints_of(model: mujoco.MjModel) -> list[str]:
-    """Return the names of hinges and slides."""
-    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    return [name for k in range(model.njnt) if int(model.jnt_type[k]) in kinds and (name := model.joint(k).name)]
