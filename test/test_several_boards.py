@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from jammkle_common.command.main import EXIT_FAILED
 from jammkle_common.names import ACHILLES, JAM_STATE, QUADRUPED_ANKLES
 from jammkle_msgs.msg import ChannelJamState
 from jammkle_sim.board_bench import BoardBench
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 ACHILLES_BIT = 4
 """Place of the channel among the solenoids of the shipped wiring, at the pins."""
 ALL_BITS = 7
+TRIES = 10
+"""Of a command, where four boards and nine processes share two cores."""
 FIRST, *OTHERS = QUADRUPED_ANKLES
 
 
@@ -38,6 +41,17 @@ def look_on(make_probe: Callable[..., Probe]) -> dict[str, Probe]:
     return probes
 
 
+def jam(start: Callable[..., Up], *arguments: str) -> None:
+    """Jam by command, and again where the machine kept a board or a driver waiting just then."""
+    for _ in range(TRIES):
+        asked = start("jam", *arguments)
+        if (code := asked.wait()) == 0:
+            return
+        assert code == EXIT_FAILED, asked.text()
+    msg = f"`jam {' '.join(arguments)}` failed {TRIES} times"
+    raise AssertionError(msg)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_each_ankle_has_its_own_board(
@@ -45,7 +59,8 @@ def test_each_ankle_has_its_own_board(
 ) -> None:
     """One channel of one ankle is one pin of one board; all are jammed by one command; the end vents every board.
 
-    A board lets go of a driver that a busy machine keeps waiting, and is jammed again; none of that is a fault.
+    A board lets go of a driver that a busy machine keeps waiting, or does not answer in time, and is jammed again; none
+    of that is a fault.
     """
     sections = [f"/{ankle}/driver: {{ros__parameters: {{port: {tmp_path / ankle}}}}}\n" for ankle in QUADRUPED_ANKLES]
     sections.append("/**/controller: {ros__parameters: {auto_at_start: false}}\n")
@@ -58,7 +73,7 @@ def test_each_ankle_has_its_own_board(
         hardware = ("--hardware", "modbus", "--params", str(tmp_path / "ports.yaml"))
         up = start("up", "--robot", "quadruped", *hardware)
         probes = look_on(make_probe)
-        assert start("jam", ACHILLES, "--namespace", FIRST).wait() == 0
+        jam(start, ACHILLES, "--namespace", FIRST)
         probes[FIRST].spin_jammed_until(
             lambda: (
                 probes[FIRST].channel_states().get(ACHILLES) == ChannelJamState.JAMMED
@@ -68,7 +83,7 @@ def test_each_ankle_has_its_own_board(
             ACHILLES,
         )
         assert [pins(boards[ankle]) for ankle in OTHERS] == [0, 0, 0]
-        assert start("jam").wait() == 0
+        jam(start)
         for ankle, probe in probes.items():
             probe.wait_until_jammed(lambda board=boards[ankle]: pins(board) == ALL_BITS)
         reported = [

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from jammkle_bringup import up
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
@@ -129,3 +131,43 @@ def test_ankles_of_a_robot_need_not_know_one_another(monkeypatch: pytest.MonkeyP
     )
     Startup(ready, ready).wait_until_in_step(members)  # type: ignore[arg-type]
     assert not ready.left
+
+
+class Lossy:
+    """A client of a service that loses this many answers."""
+
+    def __init__(self, lost: int) -> None:
+        self.lost = lost
+        self.requests: list[object] = []
+
+    def service_is_ready(self) -> bool:
+        return True
+
+    def call_async(self, request: object) -> Future:
+        self.requests.append(request)
+        future = Future()
+        if len(self.requests) > self.lost:
+            future.set_result("answered")
+        return future
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("lost", [0, 1])
+def test_an_answer_that_is_lost_is_asked_for_again(lost: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a service has not found the client's end for answers when it answers."""
+    lossy = Lossy(lost)
+    with GraphClient("/", lambda: False) as client:
+        monkeypatch.setattr(client.node, "create_client", lambda *_: lossy)
+        monkeypatch.setattr(client.node, "destroy_client", lambda _: None)
+        assert client.call("often", Trigger, Trigger.Request()) == "answered"
+    assert len(lossy.requests) == lost + 1
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_service_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the time that was given, in a line that names it."""
+    with GraphClient("/", lambda: False) as client:
+        monkeypatch.setattr(client.node, "create_client", lambda *_: Lossy(100))
+        monkeypatch.setattr(client.node, "destroy_client", lambda _: None)
+        with pytest.raises(GraphError, match=r"/never did not answer within 0\.2 s"):
+            client.call("never", Trigger, Trigger.Request(), timeout_s=0.2)
