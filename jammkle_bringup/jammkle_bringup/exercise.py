@@ -289,12 +289,16 @@ class _Session:
                 raise GraphError(msg)
 
     def _is_recorded(self) -> bool:
-        recorder = resolved(self._client.namespace, RECORDER_NODE)
-        return all(
-            recorder in {node_at(end) for end in self._client.subscriptions(topic)}
-            for ankle in self._ankles
-            for topic in (resolved(self._client.namespace, below(ankle, each.name)) for each in (IMU, JOINT_STATES))
-        )
+        """Return whether the recorder listens to every ankle, and to what this node itself will ask for.
+
+        Who publishes once must have found the recorder itself: another participant's finding it is not enough.
+        """
+        recorder, client = resolved(self._client.namespace, RECORDER_NODE), self._client
+        measured = [resolved(client.namespace, below(ankle, IMU.name)) for ankle in self._ankles]
+        asked = [each.topic_name for each in (self._trajectory, *self._places.values())]
+        ends = [client.subscriptions(topic) for topic in measured]
+        ends += [client.node.get_subscriptions_info_by_topic(topic) for topic in asked]
+        return all(recorder in map(node_at, each) for each in ends)
 
     def _limbs(self) -> dict[str, Limb]:
         found = {}
