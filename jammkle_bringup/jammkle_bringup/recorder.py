@@ -174,8 +174,9 @@ class Recorder(Node):
         return [Health("recording", level, text, values), self._liveness.health()]
 
     def _now(self) -> Time:
-        simulated = self._times.source is TimeSource.SIMULATED and self._tick_ns is not None
-        return RosTime(nanoseconds=self._tick_ns).to_msg() if simulated else self.get_clock().now().to_msg()
+        if self._times.source is TimeSource.SYSTEM:
+            return self.get_clock().now().to_msg()
+        return RosTime(nanoseconds=self._tick_ns or 0).to_msg()  # 0 until somebody ticks, as of any node in simulation
 
     def shut_down(self) -> None:
         """Say that this node ends in order."""

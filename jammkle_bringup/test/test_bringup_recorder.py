@@ -225,7 +225,10 @@ def test_metadata_says_version_types_hashes_and_how_topics_were_offered(
 
 
 def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, record: Callable[..., Recording]) -> None:
-    """Under /clock, what came before the first tick is logged with that tick, and later messages with theirs."""
+    """Under /clock, what came before the first tick is logged with that tick, and later messages with theirs.
+
+    The recorder's own reports are stamped with ticks as well, and with 0 before the first.
+    """
     duty = node.create_publisher(Float32, "pump/duty", publisher_qos(names.PUMP_DUTY))
     clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=10))
     recording = record("--clock", "sim")
@@ -236,7 +239,10 @@ def test_messages_wait_for_the_first_tick_and_take_simulated_time(node: Node, re
     for second in (7, 8):
         clock.publish(Clock(clock=Time(sec=second)))
     recording.end()
-    logged = {(topic, log_ns) for topic, log_ns, _ in recording.messages()}
+    messages = list(recording.messages())
+    logged = {(topic, log_ns) for topic, log_ns, _ in messages}
+    stamps_s = {message.header.stamp.sec for topic, _, message in messages if topic == names.DIAGNOSTICS.name}
+    assert stamps_s <= {0, 7, 8}
     assert ("/pump/duty", 7 * 10**9) in logged
     assert {log_ns for topic, log_ns in logged if topic == "/clock"} == {7 * 10**9, 8 * 10**9}
 
