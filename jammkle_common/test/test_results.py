@@ -44,3 +44,14 @@ def test_json_on_stdout_stands_alone(*, fails: bool, monkeypatch: pytest.MonkeyP
     assert "for people" in err.getvalue()
     assert sys.stdout is out
     assert not list(tmp_path.iterdir())
+
+
+def test_notes_of_another_process_are_kept_for_it(capsys: pytest.CaptureFixture[str]) -> None:
+    """Inside the block nothing is said; after it a note is said once."""
+    with results.notes_kept() as kept:
+        results.note("a bag lacks a topic")
+        results.note("a bag lacks a topic")
+    assert (kept, capsys.readouterr().err) == (["a bag lacks a topic"] * 2, "")
+    for line in kept:
+        results.note(line)
+    assert capsys.readouterr().err == "jammkle: note: a bag lacks a topic\n"

@@ -11,6 +11,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
+from joblib.externals.loky import get_reusable_executor  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.processes import end_with_parent
@@ -39,13 +40,18 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
 
     """
     # Whoever stops on the way knows that not everything was done.
-    warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed", UserWarning)
+    warnings.filterwarnings("ignore", "[0-9]+ tasks (which were still|have been successfully)", UserWarning)
     # A worker that waited for long, or has grown, is replaced: nothing is lost, and nobody need do anything.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
     if scheduler is None:
         config = joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),))
         with _without_complaints(), config:
-            yield jobs
+            try:
+                yield jobs
+            except BaseException:
+                # Workers that still run at the end of the process leave complaints of its resource tracker.
+                get_reusable_executor().shutdown(wait=True, kill_workers=True)
+                raise
         return
     with _client(scheduler), joblib.parallel_config("dask"):
         yield _ALL if jobs is None else jobs

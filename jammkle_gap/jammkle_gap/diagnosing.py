@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from joblib import Parallel, delayed  # type: ignore[import-untyped]  # carries no types
 from rich.markup import escape
 from rich.table import Table
 
@@ -47,15 +48,15 @@ PAGE_NAME = "gap.html"
 CORRECTED_NAME = "corrected.yaml"
 _ALL_CORES = -1
 _STAGES = {
-    "signatures": (0.0, 0.6),
-    "nominal": (0.6, 0.62),
-    "calibrating": (0.62, 0.7),
-    "constants of the machine": (0.7, 0.74),
-    "screening": (0.74, 0.8),
-    "fitting": (0.8, 0.87),
-    "fitting pairs": (0.87, 0.94),
-    "weighing the model discrepancy": (0.94, 0.97),
-    "planning the next run": (0.97, 1.0),
+    "signatures": (0.0, 0.3),
+    "nominal": (0.3, 0.32),
+    "calibrating": (0.32, 0.4),
+    "constants of the machine": (0.4, 0.5),
+    "fitting": (0.5, 0.7),
+    "fitting pairs": (0.7, 0.78),
+    "likely causes": (0.78, 0.94),
+    "planning the next run": (0.94, 0.97),
+    "shares of the gap": (0.97, 1.0),
 }
 """From which share of a diagnosis to which each of its stages goes. Measured, on a machine that knows no signatures."""
 
@@ -94,8 +95,8 @@ def diagnose(request: DiagnoseRequest) -> Diagnosis:
     _check(request)
     stop = StopRequest()
     library = library_of(request.library, request.only, request.without)
-    recordings = recordings_of(request.bags, request.rig, stop, request.namespace, request.sensors)
-    references = recordings_of(request.references, request.rig, stop, request.namespace, request.sensors)
+    given = (request.rig, request.namespace, request.sensors, stop, request.jobs)
+    recordings, references = (recordings_of(bags, *given) for bags in (request.bags, request.references))
     _try_changes(library, recordings)
     recordings, references = in_settings(recordings, references)
     problem = ankle_problem(library)
@@ -224,18 +225,20 @@ def library_of(file: Path | None, only: Sequence[str] = (), without: Sequence[st
 def recordings_of(
     bags: Sequence[Path],
     rig: str | None,
+    namespace: str | None,
+    sensors: SensorSet | None,
     stop: Callable[[], bool],
-    namespace: str | None = None,
-    sensors: SensorSet | None = None,
+    jobs: int | None = None,
 ) -> list[Recording]:
-    """Read bags: a recording for each run that they hold.
+    """Read bags, several at a time: a recording for each run that they hold.
 
     Args:
         bags: To be read.
         rig: What they were recorded on, where their run sheets do not say.
-        stop: Asked before each bag; True ends it.
-        namespace: Of the ankle, if the bags hold several.
+        namespace: Of the ankle, if the bags hold several; None takes the only one.
         sensors: That are used; None: those of a robot, and the load cell where it was recorded.
+        stop: Asked after each bag; True ends it.
+        jobs: Bags at a time; None: one per core.
 
     Raises:
         InputError: one cannot be used.
@@ -243,20 +246,32 @@ def recordings_of(
         Interrupted: asked to stop.
 
     """
-    found: list[tuple[Path, tuple[Recording, ...]]] = []
-    with progress_bar("reading bags") as update, command_errors():
-        for place, bag in enumerate(bags):
+    found: list[tuple[Path, list[Recording]]] = []
+    with progress_bar("reading bags") as update, command_errors(), backend(jobs, None):
+        work = [delayed(_read)(bag, rig, namespace, sensors) for bag in bags]
+        count = 1 if len(bags) == 1 else _ALL_CORES if jobs is None else jobs
+        for bag, (runs, notes) in zip(bags, Parallel(n_jobs=count, return_as="generator")(work), strict=True):
+            for line in notes:
+                results.note(line)
+            found.append((bag, runs))
+            update(len(found) / len(bags), bag.name)
             if stop():
                 raise Interrupted
-            update(place / len(bags), bag.name)
-            runs = load_recordings(bag, rig, namespace=namespace)
-            found.append((bag, tuple(selected(each, sensors or headline_set(each)) for each in runs)))
     names = [each.name for _, runs in found for each in runs]
     return [
         dataclasses.replace(each, name=f"{bag}{each.name[len(bag.name) :]}") if names.count(each.name) > 1 else each
         for bag, runs in found
         for each in runs
     ]
+
+
+def _read(
+    bag: Path, rig: str | None, namespace: str | None, sensors: SensorSet | None
+) -> tuple[list[Recording], list[str]]:
+    """Return the recordings of a bag, and what is to be noted about it."""
+    with results.notes_kept() as notes:
+        runs = load_recordings(bag, rig, namespace=namespace)
+        return [selected(each, sensors or headline_set(each)) for each in runs], notes
 
 
 def in_settings(

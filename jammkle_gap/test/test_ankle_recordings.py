@@ -13,7 +13,7 @@ from command_reference import NAME, parse
 from jammkle_gap.ankle.bag import Samples
 from jammkle_gap.ankle.problem import experiments
 from jammkle_gap.ankle.recording import bag_of_run, recording_of
-from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
+from jammkle_gap.ankle.sensors import SensorSet, headline_set, largest_set, selected
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.report.words import times
 from recorded import ACHILLES, SIMULATOR, run, worst_gap
@@ -157,6 +157,16 @@ def test_what_is_on_offer_goes_by_the_machine() -> None:
     assert {each.name.split()[0] for each in experiments([ON_A_RIG])} == {"rig"}
     assert {each.name.split()[0] for each in experiments([ON_A_RIG, ON_A_ROBOT])} == {"exercise"}
     assert dict(experiments([ON_A_ROBOT])[0].plan().inputs.options)["reservoir_volume_m3"] == 5e-5
+
+
+def test_a_run_on_offer_has_the_sensors_that_were_recorded() -> None:
+    """What no robot measures separates no effects of it; a test rig has its load cell."""
+    robot = selected(ON_A_ROBOT, SensorSet.ROBOT)
+    sets = {largest_set([each.plan()]) for each in experiments([robot])}
+    assert sets == {SensorSet.ROBOT}
+    bench = {each.plan().inputs.rig: each for each in experiments([selected(ON_A_RIG, SensorSet.ROBOT)])}
+    assert largest_set([bench["tensile"].plan()]) is SensorSet.RIG
+    assert largest_set([bench["pressure"].plan()]) is SensorSet.ROBOT
 
 
 def test_small_gaps_have_no_digits_to_read() -> None:

@@ -349,6 +349,19 @@ def test_an_experiment_is_named_that_would_split_a_set() -> None:
     assert found.next_experiment is not None
     assert found.next_experiment.name == "swing"
 
+    # Stopped while the next run is planned, it keeps what is known by then.
+    stages: list[str] = []
+    stopped = diagnose(
+        runs[:3],
+        whole,
+        references=runs[3:],
+        experiments=offered,
+        jobs=1,
+        progress=lambda stage, _share: stages.append(stage),
+        stop=lambda: stages[-1:] == ["planning the next run"],
+    )
+    assert (stopped.posterior, stopped.finished, stopped.next_experiment) == (found.posterior, False, None)
+
 
 def test_a_nuisance_without_a_spread_is_refused() -> None:
     """And one that stands outside its own bounds."""

@@ -7,7 +7,10 @@ import dataclasses
 import io
 import json
 import os
+import shutil
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -317,6 +320,19 @@ def test_ctrl_c_before_anything_is_known_ends_in_order(
     monkeypatch.setattr(gap_diagnosing, "diagnose_recordings", interrupting("nominal"))
     assert main(["gap", "diagnose", str(leaking), *healthy, *few(), "-o", str(tmp_path / "out")]) == 130
     assert not list((tmp_path / "out").iterdir())
+
+
+def test_one_bad_bag_of_several_is_one_line(leaking: Path, tmp_path: Path) -> None:
+    """Bags are read by several processes; what one of them cannot read is said once, and none of them complains."""
+    broken = tmp_path / "broken"
+    shutil.copytree(leaking, broken)
+    (file,) = broken.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-1000])
+    call = [sys.executable, "-m", "jammkle_common.command", "gap", "diagnose", str(leaking), str(broken)]
+    done = subprocess.run([*call, "-o", str(tmp_path / "out")], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "broken was not completed" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 def test_the_command_knows_the_sets_of_sensors() -> None:

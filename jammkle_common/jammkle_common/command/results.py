@@ -11,6 +11,7 @@ import contextlib
 import json
 import shlex
 import sys
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
@@ -92,13 +93,33 @@ def say(text: str) -> None:
 
 
 _said: set[str] = set()
+_kept: ContextVar[list[str] | None] = ContextVar("_kept", default=None)
 
 
 def note(line: str) -> None:
     """Say one line on stderr that is no error; what was said before is not said again."""
-    if line not in _said:
+    kept = _kept.get()
+    if kept is not None:
+        kept.append(line)
+    elif line not in _said:
         _said.add(line)
         sys.stderr.write(f"jammkle: note: {' '.join(line.split())}\n")
+
+
+@contextlib.contextmanager
+def notes_kept() -> Iterator[list[str]]:
+    """Keep the notes of the block instead of saying them, for the process that this one works for.
+
+    Yields:
+        The notes, in order, as they come.
+
+    """
+    notes: list[str] = []
+    token = _kept.set(notes)
+    try:
+        yield notes
+    finally:
+        _kept.reset(token)
 
 
 def make_folder(folder: Path) -> None:

@@ -25,7 +25,16 @@ from jammkle_gap.ankle.effects import (
 from jammkle_gap.ankle.inputs import inputs_of, nominal_rig
 from jammkle_gap.ankle.recording import recording_of_run
 from jammkle_gap.ankle.repeats import group_of
-from jammkle_gap.ankle.sensors import ACCELERATION, FORCE, PRESSURE, RATE, quantity_of
+from jammkle_gap.ankle.sensors import (
+    ACCELERATION,
+    FORCE,
+    PRESSURE,
+    RATE,
+    headline_set,
+    largest_set,
+    quantity_of,
+    selected,
+)
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.design import Experiment
 from jammkle_gap.core.effects import Library, Nuisance
@@ -40,6 +49,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from jammkle_gap.ankle.sensors import SensorSet
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
 
@@ -267,10 +277,14 @@ def plans(rigs: Collection[str]) -> dict[str, RunSheet]:
 
 
 def experiments(recordings: Sequence[Recording]) -> tuple[Experiment, ...]:
-    """Return the runs on offer; each is planned only when a diagnosis asks for it."""
+    """Return the runs on offer; each is planned only when a diagnosis asks for it.
+
+    An exercise is planned with the sensors that the recordings have, a test rig with its load cell as well.
+    """
     built = {name: value for each in recordings for name, value in each.inputs.options if name in _BUILT}
     offered = plans({each.inputs.rig for each in recordings})
-    return tuple(Experiment(command, partial(_planned, sheet, built)) for command, sheet in offered.items())
+    sensors = largest_set(recordings)
+    return tuple(Experiment(command, partial(_planned, sheet, built, sensors)) for command, sheet in offered.items())
 
 
 def _typed(sheet: RunSheet) -> str:
@@ -283,10 +297,11 @@ def _given(sheet: RunSheet) -> str:
     return " ".join(f"-p {name}:={value:g}" for name, value in sheet.options.items())
 
 
-def _planned(sheet: RunSheet, built: Mapping[str, Any]) -> Recording:
+def _planned(sheet: RunSheet, built: Mapping[str, Any], sensors: SensorSet) -> Recording:
     """Return the recording as it would be with nothing wrong."""
     kind = rig_kind(sheet.rig)
     known = {row.name for row in rows(kind.options)}
     given = {name: value for name, value in built.items() if name in known}
     options = from_mapping(kind.options, {**given, **sheet.options})
-    return recording_of_run(run_rig(sheet.rig, options, lambda _: None, lambda: False), sheet.rig)
+    plan = recording_of_run(run_rig(sheet.rig, options, lambda _: None, lambda: False), sheet.rig)
+    return selected(plan, sensors if sheet.rig in EXERCISES else max(sensors, headline_set(plan)))

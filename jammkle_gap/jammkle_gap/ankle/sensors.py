@@ -18,7 +18,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.physics.sensors import SensorParameters, imu_law
 
 if TYPE_CHECKING:
-    from collections.abc import Container
+    from collections.abc import Container, Iterable
 
     from jammkle_gap.core.data import Recording
     from jammkle_sim.rigs.rig import Rig
@@ -122,6 +122,11 @@ class SensorSet(enum.Enum):
     INSTRUMENTED = "instrumented"
     """And tension and extension of every tendon, which a simulator knows and no robot measures."""
 
+    def __lt__(self, other: SensorSet) -> bool:
+        """Return whether the other set has more sensors."""
+        order = tuple(SensorSet)
+        return order.index(self) < order.index(other)
+
 
 _ADDED = {
     FORCE: SensorSet.RIG,
@@ -130,7 +135,6 @@ _ADDED = {
     EXTENSION: SensorSet.INSTRUMENTED,
 }
 """Set from which on a quantity is used; those not named are in all."""
-_ORDER = tuple(SensorSet)
 
 
 def set_of(signal: str) -> SensorSet:
@@ -145,8 +149,7 @@ def selected(recording: Recording, sensors: SensorSet) -> Recording:
         BadRecordingError: it has none of them.
 
     """
-    allowed = _ORDER[: _ORDER.index(sensors) + 1]
-    signals = tuple(signal for signal in recording.signals if set_of(signal.name) in allowed)
+    signals = tuple(signal for signal in recording.signals if not sensors < set_of(signal.name))
     if not signals:
         own = sorted({set_of(signal.name).value for signal in recording.signals})
         msg = f"recording {recording.name} has no signal of the sensor set '{sensors.value}', only of {', '.join(own)}"
@@ -159,6 +162,11 @@ def headline_set(recording: Recording) -> SensorSet:
     """Return the set that a diagnosis uses unless asked otherwise: that of a rig where its load cell was recorded."""
     has_cell = any(quantity_of(signal.name) == FORCE for signal in recording.signals)
     return SensorSet.RIG if has_cell else SensorSet.ROBOT
+
+
+def largest_set(recordings: Iterable[Recording]) -> SensorSet:
+    """Return the smallest set that has every signal of recordings."""
+    return max((set_of(signal.name) for each in recordings for signal in each.signals), default=SensorSet.ROBOT)
 
 
 def pressure_signals(present: Container[str]) -> dict[str, str]:

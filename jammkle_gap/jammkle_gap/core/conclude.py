@@ -32,7 +32,7 @@ from jammkle_gap.core.result import (
     Trace,
     Verdict,
 )
-from jammkle_gap.core.simulate import on_one_thread
+from jammkle_gap.core.simulate import StoppedError, on_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.explain import Explained
     from jammkle_gap.core.fit import Fit, GridFeatures
     from jammkle_gap.core.joint import Machine
+    from jammkle_gap.core.result import LedgerEntry, NextExperiment
     from jammkle_gap.core.scatter import Difference, Residuals, Setting
     from jammkle_gap.core.simulate import Problem, Runner
 
@@ -218,10 +219,17 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     best = fits[named[0]] if named else None
     left_with = best or explained.within
     traces = _traces(evidence, left_with)
-    following = None
-    if verdict is Verdict.AMBIGUOUS and finished:
-        chosen, known = [fits[names] for names in named], evidence.machine.values(evidence.machine.mean)
-        following = next_experiment(chosen, experiments, evidence.problem, runner, known, constants.blocks)
+    following: NextExperiment | None = None
+    ledger: tuple[LedgerEntry, ...] = ()
+    try:
+        if verdict is Verdict.AMBIGUOUS and finished:
+            chosen, known = [fits[names] for names in named], evidence.machine.values(evidence.machine.mean)
+            following = next_experiment(chosen, experiments, evidence.problem, runner, known, constants.blocks)
+        if error.without_references and finished:
+            every = {(): explained.within, **fits}
+            ledger = ledger_of(evidence.machine, error, difference, best, every, runner, constants)
+    except StoppedError:
+        finished = False
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = where = difference.by_scatter(evidence.machine.raw)
     if verdict is Verdict.UNKNOWN:
@@ -250,9 +258,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         calibration=dict(sorted(spread.items(), key=lambda item: -abs(item[1]))),
         references_left=evidence.calibration.after,
         constants=_constants(evidence, left_with),
-        ledger=ledger_of(evidence.machine, error, difference, best, {(): explained.within, **fits}, runner, constants)
-        if error.without_references and finished
-        else (),
+        ledger=ledger,
         traces=traces,
         next_experiment=following,
         notes=_notes(evidence),

@@ -11,7 +11,7 @@ from scipy import stats  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.features import layout_of
 from jammkle_gap.core.result import NextExperiment
-from jammkle_gap.core.simulate import Task
+from jammkle_gap.core.simulate import Made, Task, run_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -66,35 +66,42 @@ def next_experiment(
     """
     if len(fits) < 2 or not experiments:  # noqa: PLR2004 - one needs no splitting
         return None
-    plans = [(each.name, each.plan()) for each in experiments]
-    layouts = [layout_of([run], problem.bin_s(run), problem.alignment) for _, run in plans]
-    tasks = [
-        Task(run, layout, {**machine, **fit.machine, **fit.values})
-        for (_, run), layout in zip(plans, layouts, strict=True)
-        for fit in fits
+    candidates = [(" + ".join(fit.names), {**machine, **fit.machine, **fit.values}) for fit in fits]
+    work = [(each, candidates, problem, blocks) for each in experiments]
+    answers = runner.map(_tried, work, "planning the next run")
+    runner.count(made for _, _, made in answers)
+    found = [(squared / each.lasts_s, each) for squared, each, _ in answers if squared > DETECTABLE]
+    return max(found, key=lambda each: each[0])[1] if found else None
+
+
+_Candidate = tuple[str, "Mapping[str, float]"]
+"""What it is called, and the values that it is simulated with."""
+
+
+def _tried(
+    experiment: Experiment, candidates: Sequence[_Candidate], problem: Problem, blocks: int
+) -> tuple[float, NextExperiment, Made]:
+    """Return the least squared whitened distance of two candidates in an experiment, what is said of it, and its runs.
+
+    Only differences count, so that runs are those of a search.
+    """
+    plan = experiment.plan()
+    layout, run = layout_of([plan], problem.bin_s(plan), problem.alignment), problem.coarse(plan)
+    runs = [
+        (name, np.nan_to_num(run_task(problem.simulator, problem.alignment, Task(run, layout, values))))
+        for name, values in candidates
     ]
-    made = iter(runner.features(tasks, "planning the next run"))
-    best: tuple[float, NextExperiment] | None = None
-    for (name, run), layout in zip(plans, layouts, strict=True):
-        lasts_s = max(float(signal.time_s[-1]) for signal in run.signals)
-        runs = [(fit, np.nan_to_num(next(made))) for fit in fits]
-        pairs = combinations(runs, 2)
-        squared, found = min((_apart(name, lasts_s, layout, *pair, problem, blocks) for pair in pairs), key=_squared)
-        if squared > DETECTABLE and (best is None or squared / lasts_s > best[0]):
-            best = squared / lasts_s, found
-    return None if best is None else best[1]
-
-
-def _squared(found: tuple[float, NextExperiment]) -> float:
-    return found[0]
+    lasts_s = max(float(signal.time_s[-1]) for signal in run.signals)
+    apart = [_apart(experiment.name, lasts_s, layout, *pair, problem, blocks) for pair in combinations(runs, 2)]
+    return *min(apart, key=lambda each: each[0]), Made(len(runs), len(runs) * run.duration_s)
 
 
 def _apart(
     name: str,
     lasts_s: float,
     layout: Layout,
-    first: tuple[Fit, NDArray[np.float64]],
-    second: tuple[Fit, NDArray[np.float64]],
+    first: tuple[str, NDArray[np.float64]],
+    second: tuple[str, NDArray[np.float64]],
     problem: Problem,
     blocks: int,
 ) -> tuple[float, NextExperiment]:
@@ -107,7 +114,7 @@ def _apart(
     i = int(np.argmax(squared))
     units, physical = float(np.sqrt(squared[i])), float(np.sqrt(np.square(apart[i]).mean()))
     sentence = (
-        f"{' + '.join(one.names)} and {' + '.join(other.names)} differ by {physical:.3g} {layout.units[i]} "
+        f"{one} and {other} differ by {physical:.3g} {layout.units[i]} "
         f"({units:.2g} times what sensor and simulator are uncertain by) in {layout.signals[i]}"
     )
     found = NextExperiment(name, lasts_s, layout.signals[i], units, physical, layout.units[i], sentence)

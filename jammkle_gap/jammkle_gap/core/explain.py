@@ -323,7 +323,7 @@ class _Search:
         return self._until_stopped(partial(fit_beside_error, evenly=False), work, "fitting")
 
     def _slopes(
-        self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str = ""
+        self, difference: Difference, fit: Fit, ends_at: tuple[float, float], what: str
     ) -> list[NDArray[np.float64]]:
         """Return derivatives of the features where a candidate has come to, a setting at a time."""
         work = [(k, self._machine, difference, fit, ends_at) for k in self._settings]
@@ -343,7 +343,8 @@ class _Search:
             return self.blank
         before = 0.0
         for _ in range(constants.calibration_steps if machine.problem.constants else 0):
-            slopes = self._slopes(error.difference_with(fit), fit, CENTRAL if self._affordable else FORWARD)
+            ends_at = CENTRAL if self._affordable else FORWARD
+            slopes = self._slopes(error.difference_with(fit), fit, ends_at, "constants of the machine")
             found, made = fit_beside_error(machine, error, fit, fit, constants, slopes, evenly=False)
             self._runner.count([made])
             gained = error.cost(fit) - error.cost(found) if found.features else 0.0
@@ -395,7 +396,7 @@ class _Search:
 
         The likeliest are fitted again, with derivatives of their own, or where these are dear with those of the best.
         """
-        constants, what = self._constants, "constants of the machine"
+        constants, what = self._constants, "likely causes"
         known, own = dict(fits), self._scored(fits)
         rounds = [(False, most) for most in constants.sharpened] if self._machine.problem.constants else []
         doubtful = self._error.left_per_feature(known[max(own, key=lambda names: own[names])]) > constants.doubtful

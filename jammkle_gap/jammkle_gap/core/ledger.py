@@ -58,21 +58,28 @@ def ledger_of(
 
     """
     fit = fits[()] if best is None else best
-    known = {(CONSTANTS, *names): each for names, each in fits.items()}
+    known = {frozenset({CONSTANTS, *names}): each for names, each in fits.items()}
     parts = (CONSTANTS, *fit.names) if machine.problem.constants else fit.names
-    known.update({(CONSTANTS, *fit.names): fit})
+    known[frozenset({CONSTANTS, *fit.names})] = fit
     whitens, folds = error.difference_with(fit), by_time(machine.settings)
-    gaps = {frozenset[str](): _gap(difference.by_scatter(machine.raw), difference.healthy)}
-    for count in range(1, len(parts) + 1):
-        for chosen in combinations(parts, count):
-            own = known.get(chosen)
-            if own is None:
-                names = tuple(name for name in chosen if name != CONSTANTS)
-                own, made = _fit_part(
-                    machine if CONSTANTS in chosen else machine.held(), whitens, fit, names, constants
-                )
-                runner.count([made])
-            gaps[frozenset(chosen)] = _gap(predicted(machine, error, difference, own, folds), difference.healthy)
+    some = [frozenset(chosen) for count in range(1, len(parts) + 1) for chosen in combinations(parts, count)]
+    missing = [each for each in some if each not in known]
+    coarse = machine.coarse()
+    work = [
+        (
+            coarse if CONSTANTS in each else coarse.held(),
+            whitens,
+            fit,
+            tuple(name for name in fit.names if name in each),
+            constants,
+        )
+        for each in missing
+    ]
+    answers = runner.map(_fit_part, work, "shares of the gap")
+    runner.count(made for _, made in answers)
+    known.update(zip(missing, (own for own, _ in answers), strict=True))
+    gaps = {each: _gap(predicted(machine, error, difference, known[each], folds), difference.healthy) for each in some}
+    gaps[frozenset()] = _gap(difference.by_scatter(machine.raw), difference.healthy)
     whole, least = gaps[frozenset()], gaps[frozenset(parts)]
     above = whole - 1.0 if whole - 1.0 > _SMALLEST else np.nan
     found = [LedgerEntry(part, _shapley(part, parts, gaps) / above, gaps[frozenset({part})]) for part in parts]
