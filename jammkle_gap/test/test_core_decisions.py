@@ -19,6 +19,7 @@ from jammkle_gap.core.decide import (
     credible_set,
     detect,
     posterior_of,
+    without_directions,
     probability_of_gap,
     spread_along,
 )
@@ -114,6 +115,15 @@ def test_an_effect_that_is_far_likelier_than_the_constants_alone_is_a_gap() -> N
         ]
         alarms += by_likelihood(nothing, gains, CONSTANTS).gap
     assert alarms <= stats.binom.ppf(0.999, 300, CONSTANTS.false_alarm_rate)
+
+
+def test_where_none_of_the_effects_is_the_answer_likelihoods_count_and_lengths_along_effects_do_not() -> None:
+    """A torn tendon that leaves much, as a second fault of the machine does, is a gap beside none of them, too."""
+    along = Detection(1e-9, gap=True, probability=1.0, ratio=1.0, effect="torn", explained=1e-9, unexplained=0.5)
+    assert not without_directions(by_likelihood(along, [(4.0, 1)], CONSTANTS), CONSTANTS).gap
+    assert without_directions(by_likelihood(along, [(9.0, 1)], CONSTANTS), CONSTANTS).gap
+    left = Detection(1e-9, gap=True, probability=1.0, ratio=9.0, effect="", explained=1.0, unexplained=1e-9)
+    assert without_directions(left, CONSTANTS).gap
 
 
 def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:

@@ -9,12 +9,12 @@ import numpy as np
 
 from jammkle_gap.core.decide import (
     NONE_OF_THEM,
-    altogether,
     beyond_tolerance,
     by_class,
     class_names,
     class_of,
     posterior_of,
+    without_directions,
 )
 from jammkle_gap.core.design import DETECTABLE, next_experiment
 from jammkle_gap.core.explain import detect_beside_error
@@ -199,8 +199,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     classes = class_names(evidence.classes)
     posterior = posterior_of(explained.likelihoods, fits, classes, constants)
     if error.without_references and posterior.best == NONE_OF_THEM:
-        # Along effects a test sees what the constants were not fitted to quite; none of these is the better answer.
-        detection = altogether(detection, constants)
+        detection = without_directions(detection, constants)
     elif error.without_references:
         alone, beside = (
             [each.deviations for each in _constants(evidence, fit)] for fit in (explained.within, fits[posterior.best])

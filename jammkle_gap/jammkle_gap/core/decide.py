@@ -112,6 +112,8 @@ class Detection:
     """Probability of a gain as large along any effect in a healthy machine."""
     unexplained: float
     """Probability of a length as large altogether in a healthy machine."""
+    likelier: float = 1.0
+    """Probability that any effect gains as much likelihood in a healthy machine; 1 where that is not tested."""
 
 
 def detect(
@@ -161,9 +163,12 @@ def detect(
     )
 
 
-def altogether(detection: Detection, constants: Constants) -> Detection:
-    """Return the test by the length of what is left alone, where no effect explains it better than none of them."""
-    p_value = min(1.0, 2.0 * detection.unexplained)
+def without_directions(detection: Detection, constants: Constants) -> Detection:
+    """Return the test by the length of what is left and by likelihoods, where none of the effects is the best answer.
+
+    A length along an effect is then that of constants that were not fitted to quite. A likelihood is of finished fits.
+    """
+    p_value = min(1.0, 2.0 * min(detection.likelier, detection.unexplained))
     gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
     return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
 
@@ -183,10 +188,13 @@ def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], cons
 
     """
     smallest = min((float(stats.chi2.sf(2.0 * max(gain, 0.0), count)) for gain, count in gains), default=1.0)
-    explained = min(1.0, 2.0 * min(detection.explained, smallest * max(len(gains), constants.tested_effects)))
+    likelier = min(1.0, smallest * max(len(gains), constants.tested_effects))
+    explained = min(1.0, 2.0 * min(detection.explained, likelier))
     p_value = min(1.0, 2.0 * min(explained, detection.unexplained))
     gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
-    return replace(detection, p_value=p_value, gap=gap, probability=probability, explained=explained)
+    return replace(
+        detection, p_value=p_value, gap=gap, probability=probability, explained=explained, likelier=likelier
+    )
 
 
 def beyond_tolerance(
