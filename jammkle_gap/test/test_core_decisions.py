@@ -14,14 +14,15 @@ from jammkle_gap.core.decide import (
     NONE_OF_THEM,
     Detection,
     by_likelihood,
+    by_signals,
     class_names,
     classes_of,
     credible_set,
     detect,
     posterior_of,
-    without_directions,
     probability_of_gap,
     spread_along,
+    without_directions,
 )
 from jammkle_gap.core.discrepancy import Discrepancy, by_length
 from jammkle_gap.core.fit import Fit
@@ -124,6 +125,22 @@ def test_where_none_of_the_effects_is_the_answer_likelihoods_count_and_lengths_a
     assert without_directions(by_likelihood(along, [(9.0, 1)], CONSTANTS), CONSTANTS).gap
     left = Detection(1e-9, gap=True, probability=1.0, ratio=9.0, effect="", explained=1.0, unexplained=1e-9)
     assert without_directions(left, CONSTANTS).gap
+
+
+def test_one_signal_that_is_far_off_is_a_gap_though_the_others_hide_it() -> None:
+    """Machines differ in how far the signal is that is farthest off; no more than the stated rate of them are a gap."""
+    quiet = Detection(1.0, gap=False, probability=0.0, ratio=0.2, effect="", explained=1.0, unexplained=1.0)
+    assert not by_signals(quiet, 1.5, CONSTANTS).gap
+    found = by_signals(quiet, 9.0, CONSTANTS)
+    assert found.gap
+    assert (found.farthest, found.effect) == (3.0, "")
+    assert without_directions(found, CONSTANTS).gap
+    p_values = [by_signals(quiet, ratio, CONSTANTS).p_value for ratio in (0.5, 1.0, 2.0, 4.0, 8.0)]
+    assert p_values == sorted(p_values, reverse=True)
+    random, machines = np.random.default_rng(24), 2000
+    ratios = np.exp(CONSTANTS.signal_spread * random.standard_t(CONSTANTS.length_prior_freedom, machines))
+    alarms = sum(by_signals(quiet, ratio, CONSTANTS).gap for ratio in ratios.tolist())
+    assert alarms <= stats.binom.ppf(0.999, machines, CONSTANTS.false_alarm_rate)
 
 
 def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:

@@ -196,6 +196,23 @@ def test_a_gap_is_larger_than_the_simulators_accuracy(error: float, accuracy: fl
     assert Verdict.EFFECTS is not found.verdict
 
 
+@pytest.mark.parametrize(("error", "gap"), [(0.02, False), (0.25, True)])
+def test_one_signal_that_is_far_off_is_something_else(error: float, gap: bool) -> None:  # noqa: FBT001
+    """Beside thirty that are right their mean hides it: it is a quarter of its own range off."""
+    still = {f"still_{i}": np.sin(0.3 * i + 2.0 * np.pi * TIMES_S) for i in range(30)}
+
+    def both(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {**simulate(recording, values), **still}
+
+    random, runs = np.random.default_rng(43), []
+    for run in recorded(43, {}, {"arm.mass": 1.02}):
+        (angle,) = _bent(run, error).signals
+        others = (Signal(k, "V", TIMES_S, row + random.normal(0.0, 0.01, row.size), 0.01) for k, row in still.items())
+        runs.append(replace(run, signals=(angle, *others)))
+    found = diagnose(runs, replace(EXACT, simulator=both, accuracy=0.05), jobs=1)
+    assert found.verdict is (Verdict.UNKNOWN if gap else Verdict.NO_GAP)
+
+
 def test_an_effect_is_named_beside_an_error_within_the_accuracy() -> None:
     runs = [_bent(run, 0.005) for run in recorded(42, {"load.share": 0.5}, {})]
     value, _ = named(diagnose(runs, replace(EXACT, accuracy=0.005), jobs=1), "load")

@@ -286,9 +286,11 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
     if evidence.error.without_references:
         accuracy = evidence.problem.accuracy
         beside = f" and the simulator's accuracy of {100.0 * accuracy:g} % of each signal's range" if accuracy else ""
+        others = f"{detection.farthest:.2f} times what other machines leave"
+        farthest = f", in the signal that is farthest off {others}" if detection.farthest else ""
         first = (
             f"with the constants of the machine fitted within their tolerances the difference is "
-            f"{np.sqrt(detection.ratio):.2f} times scatter{beside}; a machine as drawn shows as much with a "
+            f"{np.sqrt(detection.ratio):.2f} times scatter{beside}{farthest}; a machine as drawn shows as much with a "
             f"probability of {detection.p_value:.2g}"
         )
     if verdict is Verdict.NO_GAP:

@@ -114,6 +114,9 @@ class Detection:
     """Probability of a length as large altogether in a healthy machine."""
     likelier: float = 1.0
     """Probability that any effect gains as much likelihood in a healthy machine; 1 where that is not tested."""
+    farthest: float = 0.0
+    """Root mean square of what is left of the signal that is farthest off in a setting, in scatter and in what others
+    leave there; 0 where that is not tested."""
 
 
 def detect(
@@ -192,8 +195,34 @@ def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], cons
     explained = min(1.0, 2.0 * min(detection.explained, likelier))
     p_value = min(1.0, 2.0 * min(explained, detection.unexplained))
     gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
+    return replace(detection, p_value=p_value, gap=gap, probability=probability, explained=explained, likelier=likelier)
+
+
+def by_signals(detection: Detection, ratio: float, constants: Constants) -> Detection:
+    """Return the test altogether with another part: whether one signal of one setting is farther off than ever.
+
+    A simulator that is right in most signals may have one quite wrong, which their mean hides. The logarithm of what is
+    left there is t-distributed about that of other machines, and of the two parts the smaller one counts twice.
+
+    Args:
+        detection: By lengths along effects, and altogether.
+        ratio: Squared length per feature of the signal and setting that is farthest off, in scatter and in
+            `signal_accuracy` times the simulator's accuracy.
+        constants: Rate of false alarms, and how machines differ.
+
+    """
+    statistic = np.log(max(ratio, 1e-12)) / constants.signal_spread
+    own = float(stats.t.sf(statistic, constants.length_prior_freedom))
+    unexplained = min(1.0, 2.0 * min(detection.unexplained, own))
+    p_value = min(1.0, 2.0 * min(detection.explained, unexplained))
+    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
     return replace(
-        detection, p_value=p_value, gap=gap, probability=probability, explained=explained, likelier=likelier
+        detection,
+        p_value=p_value,
+        gap=gap,
+        probability=probability,
+        unexplained=unexplained,
+        farthest=float(np.sqrt(ratio)),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_gap.core.decide import NONE_OF_THEM, by_likelihood, detect
+from jammkle_gap.core.decide import NONE_OF_THEM, by_likelihood, by_signals, detect
 from jammkle_gap.core.fit import Fit, Profiles, grid_signatures
 from jammkle_gap.core.joint import CENTRAL, FORWARD, begun, blank_of, derivatives_of, fit_jointly, slopes_in
 from jammkle_gap.core.predict import predicting
@@ -499,6 +499,12 @@ def detect_beside_error(
     by_bin, by_block = error.accurate_to(machine.problem.accuracy)
     alone, whole = _whitened_by(by_block, nothing).left, (by_bin, _whitened_by(by_bin, nothing).left)
     found = detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
+    if machine.problem.accuracy:
+        by_signal, _ = error.accurate_to(constants.signal_accuracy * machine.problem.accuracy)
+        fit = _whitened_by(by_signal, nothing)
+        parts = zip(machine.settings, by_signal.split(fit.whitened - fit.signature), strict=True)
+        squares = [np.square(setting.layout.by_signal(part)).mean(axis=1).max() for setting, part in parts]
+        found = by_signals(found, float(max(squares)) / by_signal.healthy, constants)
     gains = [(error.cost(nothing) - error.cost(fit), len(fit.values)) for fit in singles]
     return by_likelihood(found, gains, constants)
 
