@@ -499,11 +499,13 @@ def detect_beside_error(
     by_bin, by_block = error.accurate_to(machine.problem.accuracy)
     alone, whole = _whitened_by(by_block, nothing).left, (by_bin, _whitened_by(by_bin, nothing).left)
     found = detect(by_block, alone, [_whitened_by(by_block, fit) for fit in singles], given, whole)
-    if machine.problem.accuracy:
+    # How far a simulator is off in an impact was not learned: its shape differs from run to run.
+    smooth = [not setting.layout.event_s for setting in machine.settings]
+    if machine.problem.accuracy and any(smooth):
         by_signal, _ = error.accurate_to(constants.signal_accuracy * machine.problem.accuracy)
         fit = _whitened_by(by_signal, nothing)
-        parts = zip(machine.settings, by_signal.split(fit.whitened - fit.signature), strict=True)
-        squares = [np.square(setting.layout.by_signal(part)).mean(axis=1).max() for setting, part in parts]
+        parts = zip(machine.settings, by_signal.split(fit.whitened - fit.signature), smooth, strict=True)
+        squares = [np.square(own.layout.by_signal(part)).mean(axis=1).max() for own, part, used in parts if used]
         found = by_signals(found, float(max(squares)) / by_signal.healthy, constants)
     gains = [(error.cost(nothing) - error.cost(fit), len(fit.values)) for fit in singles]
     return by_likelihood(found, gains, constants)
