@@ -185,6 +185,12 @@ def test_map_that_says_what_cannot_be_is_refused(tmp_path: Path, recorded: robot
         ({"gains": {"elbow": 100}}, "are '100'; write {kp: ..., kd: ...}"),
         ({"base": "hold"}, "base 'hold' must be one of held, free, measured"),
         ({"noise": {"pos": 0.1}}, "noise: 'pos' must be one of position, velocity, effort"),
+        ({"noise": {"position": "small"}}, "noise: position is 'small'; it must be a number"),
+        ({"joints": 5}, "joints is '5'; it must be a table, NAME: VALUE a line"),
+        ({"joints": {"elbow": 3}}, "joint elbow is '3'; it must be a table"),
+        ({"joints": {"elbow": {"sign": "left"}}}, "joint elbow: sign is 'left'; it must be a number"),
+        ({"commands": {"order": "elbow"}}, "order is 'elbow'; it must be a list of joints"),
+        ({"sensors": {"imu": {"sign": 1}}}, "sensor imu has no site"),
     ):
         assert said in refusal(tmp_path, run, given)
 

@@ -6,6 +6,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -17,7 +18,7 @@ import yaml
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -211,33 +212,31 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
     where = f"map {source}" if isinstance(source, Path) else "the map"
     try:
         table = yaml.safe_load(source.read_text(encoding="utf-8")) if isinstance(source, Path) else source
-        return _map_of(dict(table or {}), where)
-    except BadRobotError:
-        raise
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, ValueError, AttributeError, KeyError) as error:
-        msg = f"{where} cannot be used: {' '.join(str(error).split())}; see docs/any_robot.md for its keys"
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        msg = f"{where} cannot be read: {' '.join(str(error).split())}; see docs/any_robot.md for its keys"
         raise BadRobotError(msg) from error
+    return _map_of(_table(table or {}, where), where)
 
 
 def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
     _check_keys(table, _KEYS, where)
     joints: dict[str, JointMap] = {}
     fixed: dict[str, list[str]] = {_LOCKED: [], _MEASURED: []}
-    for name, given in _part(table, "joints").items():
+    for name, given in _part(table, "joints", where).items():
         if isinstance(given, str) and given in fixed:
             fixed[given].append(name)
         else:
             joints[name] = _joint_of(name, given, f"{where}, joint {name}")
-    commands = _part(table, "commands")
+    commands = _part(table, "commands", where)
     _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
-    tolerances = {name: float(value) for name, value in _part(table, "tolerances").items()}
+    tolerances = _numbers(table, "tolerances", where)
     _check_keys(tolerances, TOLERATED, f"{where}, tolerances")
     for name, value in tolerances.items():
         if not 0.0 < value < 1.0:
             msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
             raise BadRobotError(msg)
     senses = table.get("sensors") != _NO_SENSORS
-    sensors = _part(table, "sensors") if senses else {}
+    sensors = _part(table, "sensors", where) if senses else {}
     return RobotMap(
         joints=joints,
         locked=tuple(fixed[_LOCKED]),
@@ -246,13 +245,15 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         command_degrees=_in_degrees(commands, f"{where}, commands"),
         states=table.get("states"),
         topic=commands.get("topic"),
-        order=tuple(map(str, commands.get("order") or ())),
+        order=_order_of(commands, f"{where}, commands: order"),
         quantity=_choice(Quantity, commands.get("quantity", "position"), f"{where}, commands: quantity"),
-        gains={name: _gains_of(each, f"{where}, gains of {name}") for name, each in _part(table, "gains").items()},
-        torque_constants={name: float(value) for name, value in _part(table, "torque_constants").items()},
+        gains={
+            name: _gains_of(each, f"{where}, gains of {name}") for name, each in _part(table, "gains", where).items()
+        },
+        torque_constants=_numbers(table, "torque_constants", where),
         base=_choice(Base, table.get("base", "held"), f"{where}: base"),
         noise={
-            _choice(Quantity, name, f"{where}, noise:"): float(each) for name, each in _part(table, "noise").items()
+            _choice(Quantity, name, f"{where}, noise:"): each for name, each in _numbers(table, "noise", where).items()
         },
         tolerances=tolerances,
         sensors={name: _sensor_of(each, f"{where}, sensor {name}") for name, each in sensors.items()},
@@ -260,20 +261,49 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
     )
 
 
-def _part(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+def _part(table: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
     """Return a table within a table; empty if there is none."""
-    return {str(name): value for name, value in dict(table.get(key) or {}).items()}
+    given = table.get(key)
+    return {} if given is None else {str(name): value for name, value in _table(given, f"{where}: {key}").items()}
+
+
+def _numbers(table: Mapping[str, Any], key: str, where: str) -> dict[str, float]:
+    part = _part(table, key, where)
+    return {name: _number(value, f"{where}, {key}: {name}") for name, value in part.items()}
+
+
+def _table(given: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        msg = f"{where} is '{given}'; it must be a table, NAME: VALUE a line"
+        raise BadRobotError(msg)
+    return given
+
+
+def _number(given: Any, where: str) -> float:
+    try:
+        return float(given)  # a text, too: YAML reads 1e-3 as one
+    except (TypeError, ValueError):
+        msg = f"{where} is '{given}'; it must be a number"
+        raise BadRobotError(msg) from None
+
+
+def _order_of(commands: Mapping[str, Any], where: str) -> tuple[str, ...]:
+    given = commands.get("order") or []
+    if not isinstance(given, list | tuple):
+        msg = f"{where} is '{given}'; it must be a list of joints, [FIRST, SECOND]"
+        raise BadRobotError(msg)
+    return tuple(map(str, given))
 
 
 def _joint_of(name: str, given: Any, where: str) -> JointMap:
     if isinstance(given, str):
         return JointMap(given)
-    _check_keys(given, ("model", "sign", "offset"), where)
-    sign = float(given.get("sign", 1.0))
+    _check_keys(_table(given, where), ("model", "sign", "offset"), where)
+    sign = _number(given.get("sign", 1.0), f"{where}: sign")
     if abs(sign) != 1.0:
         msg = f"{where}: sign {sign:g} must be 1 or -1"
         raise BadRobotError(msg)
-    return JointMap(str(given.get("model", name)), sign, float(given.get("offset", 0.0)))
+    return JointMap(str(given.get("model", name)), sign, _number(given.get("offset", 0.0), f"{where}: offset"))
 
 
 def _gains_of(given: Any, where: str) -> Gains:
@@ -281,7 +311,7 @@ def _gains_of(given: Any, where: str) -> Gains:
         msg = f"{where} are '{given}'; write {{kp: ..., kd: ...}}, of a velocity controller kd alone"
         raise BadRobotError(msg)
     _check_keys(given, ("kp", "kd"), where)
-    found = Gains(float(given.get("kp", 0.0)), float(given.get("kd", 0.0)))
+    found = Gains(*(_number(given.get(key, 0.0), f"{where}: {key}") for key in ("kp", "kd")))
     if not (found.kp >= 0.0 and found.kd >= 0.0 and found.kp + found.kd > 0.0):
         msg = f"{where}: kp {found.kp:g} and kd {found.kd:g} must be at least 0, and one of them above"
         raise BadRobotError(msg)
@@ -307,8 +337,11 @@ def _in_degrees(table: Mapping[str, Any], where: str) -> bool | None:
 def _sensor_of(given: Any, where: str) -> SensorMap:
     if isinstance(given, str):
         return SensorMap(given)
-    _check_keys(given, ("site", "sign"), where)
-    return SensorMap(str(given["site"]), float(given.get("sign", 1.0)))
+    _check_keys(_table(given, where), ("site", "sign"), where)
+    if "site" not in given:
+        msg = f"{where} has no site; name one of the model's, site: NAME"
+        raise BadRobotError(msg)
+    return SensorMap(str(given["site"]), _number(given.get("sign", 1.0), f"{where}: sign"))
 
 
 def _check_keys(table: Mapping[str, Any], known: Sequence[str], where: str) -> None:
