@@ -319,6 +319,30 @@ def test_a_release_between_two_readings_is_no_fault() -> None:
     assert max(gained) < 0.5 * THRESHOLD
 
 
+@pytest.mark.parametrize("lasts_s", [0.004, 0.009, 0.014, 0.018])
+def test_a_jam_between_two_readings_is_no_fault(lasts_s: float) -> None:
+    """One that is taken back at once, from a manifold in vacuum: what it drew is not taken for the atmosphere."""
+    bench, gained, off_pa = jammed_bench(), [0.0], [0.0]
+    bench.driver.unjam((), "test")
+    run(bench, 1.5)
+    atmosphere, bank = bench.driver.ankle.atmosphere, bench.driver.ankle.diagnosis._bank
+    vented_pa = atmosphere.pressure_pa
+
+    def watch() -> None:
+        gained.append(max(bank.scores))
+        off_pa.append(abs(atmosphere.pressure_pa - vented_pa))
+
+    for _ in range(3):
+        bench.driver.jam((), SET_POINT_PA, "test")
+        bench.hand_over()
+        bench.driver.unjam((), "test")
+        bench.hand_over(late_s=lasts_s)
+        run(bench, 1.2, watch)
+    assert max(off_pa) < 50.0  # noise of one reading
+    assert max(gained) < 0.5 * THRESHOLD
+    assert bench.driver.ankle.findings == ()
+
+
 @pytest.mark.parametrize("seed", [5, 9])
 def test_readings_that_come_late_are_no_fault(seed: int) -> None:
     """A host that hands readings over up to 40 ms late, while an ankle jams and vents all the time: not a word."""

@@ -290,12 +290,14 @@ class Ankle:
         _, command = moment.driven[-1]
         connected = frozenset(name for name, energised in command.solenoids.items() if energised)
         at_rest = bool(connected) and command.pump_duty == 0.0 and moment.known
+        stood = moment.stood
         if not at_rest:
             self.leaks.stop()
         for place, pressure_pa in moment.readings_pa.items():
             if place == MANIFOLD:
                 continue
-            self.atmosphere.read(place, pressure_pa, elapsed_s, vented=not command.solenoids[place])
+            vented = not any(each.solenoids[place] for each in stood)
+            self.atmosphere.read(place, pressure_pa, elapsed_s, vented=vented)
             if at_rest:
                 self.leaks.read(place, pressure_pa, elapsed_s, connected, self.atmosphere.pressure_pa)
 

@@ -50,7 +50,7 @@ class Moment:
     Attributes:
         stamp_s: When they were made, s.
         readings_pa: Pa absolute, by place; one that is missing was not read.
-        elapsed_s: Time since the moment before, s; 0 of the first one.
+        since_s: When the moment before was, s; of the first one, when itself was.
         driven: What the hardware drove over the last few seconds, each with the stamp since when, s; oldest first.
         known: Whether all of that is known ever since the moment before.
 
@@ -58,9 +58,19 @@ class Moment:
 
     stamp_s: float
     readings_pa: Mapping[str, float]
-    elapsed_s: float
+    since_s: float
     driven: tuple[tuple[float, ActuatorCommand], ...]
     known: bool
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the moment before, s; 0 of the first one."""
+        return self.stamp_s - self.since_s
+
+    @property
+    def stood(self) -> list[ActuatorCommand]:
+        """Every command that stood since the moment before, however briefly; `driven` may end with later ones."""
+        return _since(self.driven, self.since_s, self.stamp_s)
 
 
 class Evidence:
@@ -121,12 +131,12 @@ class Evidence:
                 continue  # nobody knows what led to it
             for place in self._places:
                 self._silent_sets[place] = 0 if place in readings_pa else self._silent_sets[place] + 1
-            elapsed_s = oldest_s - self._last_s if math.isfinite(self._last_s) else 0.0
+            since_s = self._last_s if math.isfinite(self._last_s) else oldest_s
             self._last_s = oldest_s
             self._holes = deque(hole for hole in self._holes if hole[1] > oldest_s)
             while len(self._driven) > 1 and self._driven[1][0] < oldest_s - _KEPT_S:
                 self._driven.popleft()
-            yield Moment(oldest_s, readings_pa, elapsed_s, tuple(self._driven), known=not holes)
+            yield Moment(oldest_s, readings_pa, since_s, tuple(self._driven), known=not holes)
 
     def _drive(self, command: ActuatorCommand, stamp_s: float) -> None:
         if not self._driven or command != self._driven[-1][1]:
