@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 Value = bool | int | float | str
 _METADATA_KEY = "jammkle_parameter"
-_RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
+_SIMULATED_TIME = "use_sim_time"
+_RCLPY_PARAMETERS = (_SIMULATED_TIME, "start_type_description_service")
 _RCLPY_PREFIX = "qos_overrides."
 _TYPE_TEXT: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
@@ -214,7 +215,7 @@ def from_mapping(table: type[P], values: Mapping[str, object]) -> P:
 
 
 def declare(node: Node, table: type[P]) -> P:
-    """Declare every row of `table` on `node` and return the values in force.
+    """Declare every row of `table` on `node` and return the values in force; the node's clock stays what it is then.
 
     Args:
         node: The node; values come from its command line, launch file or YAML file. It was made with
@@ -237,6 +238,8 @@ def declare(node: Node, table: type[P]) -> P:
         node.undeclare_parameter(name)
     for row in rows(table):
         node.declare_parameter(row.name, getattr(values, row.name), _descriptor(row), ignore_override=True)
+    # Callbacks that come later are asked earlier: rclpy's own would change the clock at once.
+    node.add_on_set_parameters_callback(lambda changes: _verdict(lambda: _check_clock(node, changes)))
     return values
 
 
@@ -245,24 +248,22 @@ def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
 
     What is refused is refused in this project's words: rclpy's own name neither the value, nor why, nor the way out.
     """
-    from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
-
     known = {row.name: row for row in rows(table)}
-    result = message_class("rcl_interfaces/msg/SetParametersResult")
 
     def merged(changes: Iterable[Parameter]) -> P:
         values = {name: node.get_parameter(name).value for name in known}
         values.update({change.name: change.value for change in changes if change.name in values})
         return from_mapping(table, values)
 
+    def check(changes: list[Parameter]) -> None:
+        _check_clock(node, changes)
+        for name in (change.name for change in changes if change.name in known):
+            if not known[name].dynamic:
+                raise _fixed(name, node.get_parameter(name).value)
+        merged(changes)
+
     def validate(changes: list[Parameter]) -> Any:
-        try:
-            for name in (change.name for change in changes if change.name in known):
-                _check_dynamic(known[name], node.get_parameter(name).value)
-            merged(changes)
-        except ParameterError as error:
-            return result(successful=False, reason=str(error))
-        return result(successful=True)
+        return _verdict(lambda: check(changes))
 
     take = node.set_parameters_atomically
 
@@ -276,13 +277,28 @@ def on_change(node: Node, table: type[P], apply: Callable[[P], None]) -> None:
     node.add_post_set_parameters_callback(lambda changes: apply(merged(changes)))
 
 
-def _check_dynamic(row: ParameterRow, value: object) -> None:
-    if not row.dynamic:
-        problem = (
-            "it stays so while the node runs, which is built on it; stop the node and start it with "
-            f"-p {row.name}:=VALUE"
-        )
-        raise ParameterError(problem, row.name, value)
+def _check_clock(node: Node, changes: Iterable[Parameter]) -> None:
+    """Refuse another clock: what the node has made keeps time by the one that it began with."""
+    value = node.get_parameter(_SIMULATED_TIME).value
+    if any(change.name == _SIMULATED_TIME and change.value is not value for change in changes):
+        raise _fixed(_SIMULATED_TIME, value)
+
+
+def _fixed(name: str, value: object) -> ParameterError:
+    problem = f"it stays so while the node runs, which is built on it; stop the node and start it with -p {name}:=VALUE"
+    return ParameterError(problem, name, value)
+
+
+def _verdict(check: Callable[[], object]) -> Any:
+    """Return what rclpy is told of a change: refused with the line of the error that the check raises."""
+    from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
+
+    result = message_class("rcl_interfaces/msg/SetParametersResult")
+    try:
+        check()
+    except ParameterError as error:
+        return result(successful=False, reason=str(error))
+    return result(successful=True)
 
 
 def _descriptor(row: ParameterRow) -> Any:

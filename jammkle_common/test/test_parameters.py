@@ -8,8 +8,12 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
-from jammkle_common.parameters import ParameterError, from_mapping, parameter, rows
+from jammkle_common.parameters import ParameterError, declare, from_mapping, on_change, parameter, rows
+from jammkle_common.testing import own_domain
 
 
 @dataclass(frozen=True)
@@ -66,3 +70,33 @@ def test_bad_values_are_refused_in_one_line(values: dict[str, object], message: 
 def test_a_whole_number_serves_as_a_float() -> None:
     """YAML writers drop the point: 50000 is 50000.0."""
     assert from_mapping(Table, {"vacuum_pa": 50000}).vacuum_pa == 50e3
+
+
+@pytest.mark.parametrize("has_dynamic", [False, True])
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_node_keeps_the_clock_that_it_began_with(
+    monkeypatch: pytest.MonkeyPatch, *, simulated: bool, has_dynamic: bool
+) -> None:
+    """It starts with either; while it runs another one is refused, with the reason, and the same one is taken."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with own_domain() as domain_id:
+        context = Context()
+        context.init(domain_id=domain_id)
+        clock = Parameter("use_sim_time", value=simulated)
+        node = Node(
+            "any",
+            context=context,
+            parameter_overrides=[clock],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        declare(node, Table)
+        if has_dynamic:
+            on_change(node, Table, lambda _table: None)
+        other = node.set_parameters_atomically([Parameter("use_sim_time", value=not simulated)])
+        same = node.set_parameters_atomically([clock])
+        kept = node.get_clock().ros_time_is_active
+        node.destroy_node()
+        context.shutdown()
+    assert not other.successful
+    assert f"'use_sim_time' is {simulated}; it stays so while the node runs" in other.reason
+    assert (same.successful, kept) == (True, simulated)

@@ -211,6 +211,7 @@ REFUSED = (
     ("hardware", "fake", "'hardware' is 'sim'; it stays so while the node runs"),
     ("port", "/dev/null", "'port' is ''; it stays so while the node runs"),
     ("board_file", "other.yaml", "stop the node and start it with -p board_file:=VALUE"),
+    ("use_sim_time", True, "'use_sim_time' is False; it stays so while the node runs"),
     ("max_vacuum_pa", 60e3, "'max_vacuum_pa' is 70000; it stays so while the node runs"),
     ("default_vacuum_pa", 90e3, "'default_vacuum_pa' is 90000; it must be from min_vacuum_pa to max_vacuum_pa"),
     ("default_vacuum_pa", math.nan, "'default_vacuum_pa' is nan; it must be a finite number"),
