@@ -290,7 +290,7 @@ def _fixed(name: str, value: object) -> ParameterError:
 
 
 def _verdict(check: Callable[[], object]) -> Any:
-    """Return what rclpy is told of a change: refused with the line of the error that the check raises."""
+    """Return the answer to a change of parameters: refused with the line of the error that the check raises."""
     from jammkle_common.messages import message_class  # noqa: PLC0415 - rigs take parameters and no messages
 
     result = message_class("rcl_interfaces/msg/SetParametersResult")
