@@ -173,10 +173,10 @@ class Recorder(Node):
         level = Level.WARN if self._refused else Level.OK
         return [Health("recording", level, text, values), self._liveness.health()]
 
-    def _now(self) -> Time:
+    def _now(self) -> Time | None:
         if self._times.source is TimeSource.SYSTEM:
             return self.get_clock().now().to_msg()
-        return RosTime(nanoseconds=self._tick_ns or 0).to_msg()  # 0 until somebody ticks, as of any node in simulation
+        return None if self._tick_ns is None else RosTime(nanoseconds=self._tick_ns).to_msg()
 
     def shut_down(self) -> None:
         """Say that this node ends in order."""

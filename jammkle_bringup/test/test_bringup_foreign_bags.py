@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_NS = 1_700_000_000 * 10**9
 IMU, PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
-QOS = "- history: 1\n  depth: 10\n  reliability: {}\n  durability: 2\n"
+NO_TIMES = "".join(
+    f"  {name}: {{{{sec: 0, nsec: 0}}}}\n" for name in ("deadline", "lifespan", "liveliness_lease_duration")
+)
+QOS = "- history: 1\n  depth: 10\n  reliability: {}\n  durability: 2\n  liveliness: 1\n" + NO_TIMES
+QOS += "  avoid_ros_namespace_conventions: false\n"
 
 
 class Row(NamedTuple):
@@ -41,6 +45,7 @@ class Row(NamedTuple):
     encoding: str = "cdr"
     language: str = "ros2msg"
     definition: bytes | None = None
+    publishers: int = 1
 
     @property
     def text(self) -> bytes:
@@ -96,7 +101,7 @@ def write_mcap(path: Path, rows: Sequence[Row], packed: Callable[[bytes], bytes]
                 schemas[kind] = writer.register_schema(row.kind, row.language, row.text)
             key = (row.topic, schemas[kind])
             if key not in channels:
-                hints = {"offered_qos_profiles": QOS.format(1)}
+                hints = {"offered_qos_profiles": row.publishers * QOS.format(1)}
                 channels[key] = writer.register_channel(row.topic, row.encoding, schemas[kind], hints)
             writer.add_message(channels[key], row.log_ns, packed(row.data), row.log_ns)
         writer.finish()
@@ -462,6 +467,36 @@ def test_two_runs_of_the_same_times_are_not_put_into_one_table(
     assert "goes back by 2.990 s" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out")]) == 0
+
+
+def test_several_publishers_of_a_topic_are_not_taken_for_two_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Reports of nodes, one of which knows no time yet, and readings of two publishers, one of which is late."""
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    late_ns = [time_ns - 5 * 10**9 * (place % 2) for place, time_ns in enumerate(range(START_NS, START_NS + 30, 3))]
+    rows = [*ROWS]
+    for place, time_ns in enumerate(late_ns):
+        log_ns = START_NS + 10**7 * place
+        report = STORE.types[kind](header(time_ns), [])
+        rows.append(Row("/diagnostics", kind, log_ns, bytes(STORE.serialize_cdr(report, kind))))
+        rows.append(imu(log_ns, time_ns, topic="/both")._replace(publishers=2))
+    write_mcap(tmp_path / "bag" / "a.mcap", sorted(rows, key=lambda row: row.log_ns))
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 0
+    assert "goes back" not in capsys.readouterr().err
+
+
+def test_a_clock_that_goes_back_is_that_of_two_runs(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A simulation that was reset."""
+    maker = bag_maker("bag")
+    for step in range(1000):
+        now_s = step % 500 * 0.01
+        maker.write("/clock", step * 0.01, maker.clock(now_s))
+        maker.write("/achilles/pressure", step * 0.01, maker.pressure(now_s, 1e5))
+    assert main(["export", str(maker.close()), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 2
+    assert "the time of /clock goes back by 4.990 s" in capsys.readouterr().err
 
 
 def test_an_export_ends_when_it_is_asked_to(tmp_path: Path) -> None:

@@ -8,8 +8,10 @@ Of both, since others count a node's silence in the time that they live in, and 
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -31,7 +33,6 @@ from jammkle_common.qos import publisher_qos, subscriber_qos
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from builtin_interfaces.msg import Time
     from rclpy.node import Node
 
 PERIOD_S = 1.0
@@ -41,6 +42,10 @@ and later than any timer that is on time."""
 
 _MOSTLY = 0.9
 """Share of the period since the last report from which the timer reports again; it need not come when another has."""
+
+_FIRST_TICK_WITHIN_S = 2.0 * PERIOD_S
+"""How long a node that knows no time yet keeps its reports to itself, s of real time: who makes /clock repeats it twice
+a second, and is discovered in 0.2 s as a rule. Without /clock the reports that say so must come."""
 
 FAREWELL = ": stopped"
 """End of the name under which a node that is stopped in order reports for the last time."""
@@ -56,7 +61,7 @@ class DiagnosticsPublisher:
         node: Node,
         hardware_id: str,
         report: Callable[[], Sequence[Health]],
-        stamp: Callable[[], Time] | None = None,
+        stamp: Callable[[], Time | None] | None = None,
     ) -> None:
         """Start publishing for `node`.
 
@@ -64,20 +69,22 @@ class DiagnosticsPublisher:
             node: Whose health it is.
             hardware_id: What the health is about, as in diagnostic_msgs.
             report: Gives the health; called on every tick and by `check`.
-            stamp: Gives the graph's time; None takes the node's clock, which a node that makes the time lacks.
+            stamp: Gives the graph's time, or None as long as that is not known; without it the node's clock gives it,
+                which a node that makes the time lacks.
 
         """
         self._node = node
-        self._stamp = stamp if stamp is not None else lambda: node.get_clock().now().to_msg()
+        self._stamp = stamp if stamp is not None else partial(_time_of, node)
         self._hardware_id = hardware_id
         self._report = report
         self._last: tuple[tuple[str, Level, str], ...] = ()
-        self._sent_s = time.monotonic()
+        self._made_s = self._sent_s = time.monotonic()
         self._due_s = PERIOD_S
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.name, publisher_qos(DIAGNOSTICS))
         # A timer on simulated time stands still when /clock does, and so would the report that says so.
         self._timer = node.create_timer(PERIOD_S, self._publish_if_due, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if isinstance(node, LockstepNode) and node.lives_in_simulated_time:
+            node.at_first_tick(self.publish)
             node.every(PERIOD_S, self.publish)
 
     def check(self) -> None:
@@ -110,9 +117,17 @@ class DiagnosticsPublisher:
         self._publisher.wait_for_all_acked(Duration(seconds=_FAREWELL_TIMEOUT_S))
 
     def _send(self, health: Sequence[Health]) -> None:
-        self._last, self._sent_s = _signature(health), time.monotonic()
+        stamp, now_s = self._stamp(), time.monotonic()
+        if stamp is None and now_s - self._made_s < _FIRST_TICK_WITHIN_S:
+            return
+        self._last, self._sent_s = _signature(health), now_s
         name = self._node.get_fully_qualified_name()
-        self._publisher.publish(diagnostic_array(self._stamp(), name, self._hardware_id, health))
+        self._publisher.publish(diagnostic_array(stamp or Time(), name, self._hardware_id, health))
+
+
+def _time_of(node: Node) -> Time | None:
+    is_known = not isinstance(node, LockstepNode) or node.knows_time
+    return node.get_clock().now().to_msg() if is_known else None
 
 
 def _signature(health: Sequence[Health]) -> tuple[tuple[str, Level, str], ...]:

@@ -75,6 +75,7 @@ class LockstepNode(Node):
         self._in_step = False
         self._waiting: list[_Waiting] = []
         self._regular: list[_Regular] = []
+        self._at_first_tick: list[Callable[[], object]] = []
         self._done: Publisher | None = None
         super().__init__(*arguments, **options)
         self._simulated = bool(self.get_clock().ros_time_is_active)
@@ -108,6 +109,11 @@ class LockstepNode(Node):
         """How long /clock has not been received, s of the machine's steady clock; 0 for a node that needs none."""
         return time.monotonic() - self._tick_received_s if self._simulated else 0.0
 
+    @property
+    def knows_time(self) -> bool:
+        """Whether the node's clock tells the time: with `use_sim_time` only from the first tick of /clock on."""
+        return self._tick_ns is not None or not self.get_clock().ros_time_is_active
+
     def now_s(self) -> float:
         """Time that this node lives in, s: simulated, or of the machine's steady clock. For differences alone."""
         clock = self.get_clock() if self._simulated else self._steady
@@ -121,6 +127,10 @@ class LockstepNode(Node):
         regular = _Regular(period_s, callback)
         self._regular.append(regular)
         return lambda: self._regular.remove(regular)
+
+    def at_first_tick(self, callback: Callable[[], object]) -> None:
+        """Call `callback` once, as soon as simulated time is known."""
+        self._at_first_tick.append(callback)
 
     def create_subscription(
         self,
@@ -175,6 +185,9 @@ class LockstepNode(Node):
     def _take_tick(self, time_ns: int) -> None:
         self._tick_ns = time_ns
         self._tick_received_s = time.monotonic()
+        first, self._at_first_tick = self._at_first_tick, []
+        for callback in first:
+            callback()
         self._deliver(time_ns)
         for regular in tuple(self._regular):
             regular.run(time_ns)

@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosbags.interfaces import Nodetype
 
+from jammkle_common.bags.contents import profiles
 from jammkle_common.bags.reading import messages
 from jammkle_common.command.results import note
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CLOCK
+from jammkle_common.names import CLOCK, DIAGNOSTICS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -195,6 +196,7 @@ class BagTimes:
         self.doubts: dict[str, str] = {}
         self.rewound = ""
         self._last_ns: dict[int, int] = {}
+        self._time_bases = {each.id for each in reader.connections if _is_time_base(each)}
         self._start_ahead_ns = self._ahead_ns = self._find_apart()
         self.start_ns = self._begin_ns - self._ahead_ns if self._start_tick_ns is None else self._start_tick_ns
         for what in self.doubts.values():
@@ -242,6 +244,8 @@ class BagTimes:
             self._say(f"{what}; these messages have the times of {self._next_best()}")
 
     def _watch_for_rewinding(self, connection: Connection, time_ns: int) -> None:
+        if connection.id not in self._time_bases:
+            return
         back_ns = self._last_ns.get(connection.id, time_ns) - time_ns
         self._last_ns[connection.id] = time_ns
         if back_ns > _REWOUND_NS and not self.rewound:
@@ -364,6 +368,13 @@ class BagTimes:
 
 def _is_clock(connection: Connection) -> bool:
     return connection.topic == CLOCK.name and connection.msgtype == CLOCK.message_type
+
+
+def _is_time_base(connection: Connection) -> bool:
+    """Return whether two runs are told by times that go back: where several nodes publish, one may only be late."""
+    if _is_clock(connection):
+        return True
+    return connection.msgtype != DIAGNOSTICS.message_type and len(profiles(connection.offered)) <= 1
 
 
 def _is_now(connection: Connection, stamp_ns: int) -> bool:
