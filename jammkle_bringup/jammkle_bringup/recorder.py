@@ -196,10 +196,11 @@ class Recorder(Node):
 
     def _take(self, name: str, is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001 - bound
         # a latched message from before belongs to the begin: nobody was there when it was published
+        is_from_before = info.sent_ns < self._begun_ns
         source_ns = max(info.sent_ns, self._begun_ns)
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
-        message = Received(name, data, source_ns, stamp_ns)
+        message = Received(name, data, source_ns, stamp_ns, is_from_before)
         self.received += 1
         with self._keeping_failure():
             self._keep(message)
@@ -348,7 +349,8 @@ class TimeSource(enum.Enum):
     UNDECIDED = "undecided"
     """It is not known yet whether there is a /clock: messages wait."""
     SIMULATED = "simulated"
-    """/clock. Messages from before its first tick get their own stamp, or the time of that tick if they have none."""
+    """/clock. Messages from before its first tick get their own stamp, or the time of that tick if they have none
+    or were published before the recording."""
     SYSTEM = "system"
     """The clock of the machines that publish."""
 
@@ -365,6 +367,8 @@ class Received:
     """When it was published, ns of its publisher's system clock."""
     stamp_ns: int = 0
     """Stamp of its header, ns; 0 where it has none."""
+    is_from_before: bool = False
+    """Whether it was published before the recording began, as latched messages may be."""
 
 
 class LogTimes:
@@ -394,6 +398,7 @@ class LogTimes:
         self._held: list[Received] = []
         self._tick_sources_ns: list[int] = []
         self._tick_stamps_ns: list[int] = []
+        self._start_ns: int | None = None
 
     @property
     def waiting_since_ns(self) -> int | None:
@@ -417,6 +422,8 @@ class LogTimes:
         if self.source is TimeSource.SYSTEM:
             self._write(message, message.source_ns)
             return
+        if self._start_ns is None:
+            self._start_ns = message.stamp_ns
         if not self._tick_stamps_ns or self._tick_stamps_ns[-1] != message.stamp_ns:
             self._tick_sources_ns.append(message.source_ns)
             self._tick_stamps_ns.append(message.stamp_ns)
@@ -451,6 +458,11 @@ class LogTimes:
             self._write(each, log_ns)
 
     def _log_ns(self, message: Received) -> int:
+        log_ns = self._published_ns(message)
+        # rosbag2 logs when it receives; a player would begin with as much silence as lies between
+        return max(log_ns, self._start_ns or 0) if message.is_from_before else log_ns
+
+    def _published_ns(self, message: Received) -> int:
         of_clock_maker = self._is_of_clock_maker(message.topic)
         if of_clock_maker and message.stamp_ns:
             return message.stamp_ns

@@ -9,6 +9,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.writing import bag_delivery
 from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rosbags.interfaces import Connection
+
+    from jammkle_common.names import Delivery
 
 
 @pytest.fixture
@@ -73,13 +76,17 @@ class BagMaker:
         fields = (1, 30.0, "m/s^2", 0.002, 0.9, "imu", self.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0))
         return self.make("jammkle_msgs/msg/ContactEvent", self.header(time_s), *fields)
 
-    def write(self, topic: str, time_s: float, message: Any) -> None:
-        """Write a message at a log time."""
+    def write(self, topic: str, time_s: float, message: Any, delivery: Delivery | None = None) -> None:
+        """Write a message at a log time; its topic is offered with a delivery."""
         if topic not in self._connections:
             kind = message.__msgtype__
             definition = self._definitions.find(kind)
             self._connections[topic] = self._writer.add_connection(
-                topic, kind, msgdef=definition.text, rihs01=definition.type_hash
+                topic,
+                kind,
+                msgdef=definition.text,
+                rihs01=definition.type_hash,
+                offered_qos_profiles=[] if delivery is None else [bag_delivery(delivery)],
             )
         data = self._store.serialize_cdr(message, message.__msgtype__)
         self._writer.write(self._connections[topic], round(time_s * 1e9), data)

@@ -20,6 +20,7 @@ from jammkle_common.bags.reading import messages, opened
 from jammkle_common.bags.storage import zstd
 from jammkle_common.command.errors import Interrupted
 from jammkle_common.command.main import main
+from jammkle_common.names import JAM_STATE, published
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -497,6 +498,30 @@ def test_a_clock_that_goes_back_is_that_of_two_runs(
         maker.write("/achilles/pressure", step * 0.01, maker.pressure(now_s, 1e5))
     assert main(["export", str(maker.close()), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 2
     assert "the time of /clock goes back by 4.990 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_what_is_latched_from_before_a_bag_has_the_time_of_its_begin(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], *, has_clock: bool
+) -> None:
+    """As rosbag2 logs it, when it comes; its stamp counts neither for the duration, nor is it odd."""
+    maker = bag_maker("bag")
+    maker.write("/jam_state", 100.0, maker.jam_state(20.0, 1, 0.0, "achilles"), published(JAM_STATE))
+    for step in range(301):
+        now_s = 100.0 + step * 0.01
+        if has_clock:
+            maker.write("/clock", now_s, maker.clock(now_s))
+        maker.write("/achilles/pressure", now_s, maker.pressure(now_s, 1e5))
+    maker.write("/jam_state", 103.0, maker.jam_state(103.0, 1, 0.0, "achilles"))
+    bag, said = maker.close(), tmp_path / "info.json"
+    assert main(["info", str(bag), "--json", str(said)]) == 0
+    info = json.loads(said.read_text())
+    assert (info["start_s"], info["duration_s"]) == (100.0, 3.0)
+    assert info["data_duration_s"] == pytest.approx(3.0)
+    assert main(["export", str(bag), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 0
+    with (tmp_path / "out" / "run.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == 301
+    assert not capsys.readouterr().err
 
 
 def test_an_export_ends_when_it_is_asked_to(tmp_path: Path) -> None:

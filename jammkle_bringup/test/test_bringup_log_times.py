@@ -111,6 +111,19 @@ def test_a_tick_that_is_repeated_moves_nothing() -> None:
     assert log.written["/jam_state"] == MS_NS
 
 
+def test_what_is_latched_from_before_has_the_time_of_the_begin() -> None:
+    """Of the node that makes /clock or another's, found at once or later; a player would begin with silence."""
+    log = Log(TimeSource.SIMULATED)
+    log.of_clock_maker = {"/of_sim"}
+    log.times.take(Received("/jam_state", b"", EPOCH_NS, 2 * MS_NS, is_from_before=True))
+    log.times.take(Received("/of_sim", b"", EPOCH_NS, 2 * MS_NS, is_from_before=True))
+    log.times.tick(tick(9000 * MS_NS, EPOCH_NS + 10))
+    log.times.take(Received("/landing", b"", EPOCH_NS, 5 * MS_NS, is_from_before=True))
+    log.times.tick(tick(9002 * MS_NS, EPOCH_NS + 20))
+    written = {topic: log_ns for topic, log_ns in log.written.items() if not topic.startswith("/clock")}
+    assert written == dict.fromkeys(("/jam_state", "/of_sim", "/landing"), 9000 * MS_NS)
+
+
 def test_without_any_tick_nothing_is_lost() -> None:
     """A recording that ends before time has begun keeps its messages, at time zero."""
     log = Log(TimeSource.SIMULATED)

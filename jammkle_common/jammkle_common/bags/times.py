@@ -5,7 +5,8 @@ data in every quarter of a second of log. Its stamps and /clock know that.
 
 Stamps are believed as far as they go with the rest. Those that are zero or stand still count as none, and a topic whose
 stamps are of another clock is shifted onto that of the rest; both are said. So is a single stamp, or a log time, that
-lies apart. A trajectory without a stamp begins when it comes, and nothing is said.
+lies apart. A trajectory without a stamp begins when it comes, and nothing is said. What is latched from before the bag
+has the time of its begin, as it tells what held then.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosbags.interfaces import Nodetype
+from rosbags.interfaces import Nodetype, QosDurability
 
 from jammkle_common.bags.contents import profiles
 from jammkle_common.bags.reading import messages
@@ -27,6 +28,8 @@ from jammkle_common.names import CLOCK, DIAGNOSTICS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+
+    from rosbags.interfaces import Qos
 
     from jammkle_common.bags.reading import BagReader
     from jammkle_common.bags.storage import Connection
@@ -196,7 +199,10 @@ class BagTimes:
         self.doubts: dict[str, str] = {}
         self.rewound = ""
         self._last_ns: dict[int, int] = {}
-        self._time_bases = {each.id for each in reader.connections if _is_time_base(each)}
+        offered = {each.id: profiles(each.offered) for each in reader.connections}
+        self._time_bases = {each.id for each in reader.connections if _is_time_base(each, offered[each.id])}
+        self._latched = {number for number, by_each in offered.items() if _is_latched(by_each)}
+        self._from_before: set[int] = set()
         self._start_ahead_ns = self._ahead_ns = self._find_apart()
         self.start_ns = self._begin_ns - self._ahead_ns if self._start_tick_ns is None else self._start_tick_ns
         for what in self.doubts.values():
@@ -224,6 +230,7 @@ class BagTimes:
             return
         self._tick_ns, self._ahead_ns, before_ns = self._start_tick_ns, self._start_ahead_ns, self._begin_ns
         self._last_ns.clear()
+        self._from_before = self._latched & chosen
         for stamps in self._stamps.values():
             stamps.odd = 0
         for connection, logged_ns, data in messages(self._reader, self._reader.path, [*connections, *clocks]):
@@ -349,6 +356,10 @@ class BagTimes:
         if stamps is None or stamps.why_none or _is_now(connection, _stamp_ns(data)):
             return known_ns
         time_ns = _stamp_ns(data) + stamps.shift_ns
+        if connection.id in self._from_before:
+            if time_ns < self.start_ns <= known_ns:
+                return self.start_ns
+            self._from_before.discard(connection.id)
         if abs(time_ns - known_ns) > limit_ns:
             stamps.odd += 1
             return known_ns
@@ -370,11 +381,15 @@ def _is_clock(connection: Connection) -> bool:
     return connection.topic == CLOCK.name and connection.msgtype == CLOCK.message_type
 
 
-def _is_time_base(connection: Connection) -> bool:
+def _is_time_base(connection: Connection, offered: Collection[Qos]) -> bool:
     """Return whether two runs are told by times that go back: where several nodes publish, one may only be late."""
     if _is_clock(connection):
         return True
-    return connection.msgtype != DIAGNOSTICS.message_type and len(profiles(connection.offered)) <= 1
+    return connection.msgtype != DIAGNOSTICS.message_type and len(offered) <= 1
+
+
+def _is_latched(offered: Collection[Qos]) -> bool:
+    return any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
 
 
 def _is_now(connection: Connection, stamp_ns: int) -> bool:
