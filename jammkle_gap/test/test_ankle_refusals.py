@@ -11,9 +11,9 @@ import pytest
 from jammkle_common import names
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_gap.ankle.bag import Bag, Samples
-from jammkle_gap.ankle.recording import load_recording, recording_of
+from jammkle_gap.ankle.recording import bag_of_run, load_recording, recording_of
 from jammkle_gap.core.data import BadRecordingError
-from recorded import ACHILLES, bag
+from recorded import ACHILLES, bag, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -197,6 +197,24 @@ def test_a_rig_that_does_not_match_is_refused(rig: str, said: str) -> None:
         recording_of(foreign, rig)
     with pytest.raises(BadRecordingError, match=f"recorded on rig 'pressure', not '{rig}'"):
         recording_of(bag(), rig)
+
+
+def test_a_recording_that_begins_after_the_release_is_said_to() -> None:
+    """The bag itself names its rig, so that the rig is no question; another recorder's bag may be of any."""
+    landed_s = 1.5
+    fallen = bag_of_run(run("landing"))
+    topics = {}
+    for name, each in fallen.topics.items():
+        kept = each.log_s >= landed_s
+        kept[max(np.count_nonzero(~kept) - 1, 0)] |= "data" in each.columns  # commands are latched
+        times_s = (np.maximum(time_s[kept], landed_s) for time_s in (each.log_s, each.stamp_s))
+        topics[name] = Samples(*times_s, {k: v[kept] for k, v in each.columns.items()})
+    late = dataclasses.replace(fallen, topics=topics)
+    with pytest.raises(BadRecordingError, match=r"begins after the release.*jammkle up --record") as refused:
+        recording_of(late)
+    assert "--rig" not in str(refused.value)
+    with pytest.raises(BadRecordingError, match="--rig"):
+        recording_of(dataclasses.replace(late, sheet=RunSheet(), simulated=False), "landing")
 
 
 @pytest.mark.parametrize("name", ["missing", "empty"])

@@ -9,6 +9,7 @@ import numpy as np
 from jammkle_common import names
 from jammkle_common.bags.run_sheet import FILE_NAME
 from jammkle_gap.ankle.bag import CARRIAGE
+from jammkle_gap.ankle.inputs import FALLING_RIGS
 from jammkle_gap.ankle.sensors import ANGLE, PRESSURE, quantity_of
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_sim.rigs.replay import has_ground, is_guided
@@ -215,8 +216,10 @@ def check_alive(bag: str, signals: Mapping[str, Signal], solenoids: Mapping[str,
         raise BadRecordingError(msg)
 
 
-def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[str, ...], start_m: float) -> None:
-    """Refuse a rig that cannot have made the recording.
+def check_rig(
+    bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[str, ...], start_m: float, *, is_known: bool
+) -> None:
+    """Refuse a rig that cannot have made the recording, or not from its release on.
 
     Args:
         bag: Name of the bag.
@@ -224,9 +227,10 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
         signals: What was measured.
         joints: Joints of the rig.
         start_m: Where the rig's slide starts, m.
+        is_known: Whether the bag itself names the rig.
 
     Raises:
-        BadRecordingError: other tendons, other joints, another start.
+        BadRecordingError: other tendons, other joints, another start, or one after the release.
 
     """
     tendons = {name.split("/")[0] for name in signals if name.endswith("/tension")}
@@ -245,7 +249,12 @@ def check_rig(bag: str, rig: Rig, signals: Mapping[str, Signal], joints: tuple[s
             problem = f"its slide stays within {_LARGEST_PULL_M:g} m of where the tendon is free"
             problem += f", the recording's is at {furthest_m:.3f} m"
         elif slide is not None and not is_guided(rig) and abs(float(slide.values[0]) - start_m) > _LARGEST_START_M:
-            problem = f"its slide starts at {start_m:.3f} m, the recording's at {float(slide.values[0]):.3f} m"
+            first_m = float(slide.values[0])
+            problem = f"its slide starts at {start_m:.3f} m, the recording's at {first_m:.3f} m"
+            if is_known and rig.name in FALLING_RIGS and first_m < start_m:
+                msg = f"bag {bag} begins after the release: {problem}; record rig '{rig.name}' from its start on"
+                msg += ", as `jammkle up --record` does"
+                raise BadRecordingError(msg)
     if problem:
         msg = f"bag {bag} cannot be from rig '{rig.name}': {problem}"
         msg += f"; name the rig that it was recorded on with --rig, and write how it was set into {FILE_NAME}"

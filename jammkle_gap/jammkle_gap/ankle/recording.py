@@ -214,7 +214,7 @@ def _segments(
     if inputs.rig in FALLING_RIGS:
         segments = falling_segments(topics, built)
         if not segments and not bag.simulated:
-            checks.check_rig(bag.name, built, whole, assembled(built).joints, _start_m(built))
+            _check_rig(bag.name, bag, built, whole)
             checks.refuse_no_release(bag.name, inputs.rig)
     elif is_driven(built):
         has_carriage = joints is not None and CARRIAGE in joints.columns
@@ -248,7 +248,7 @@ def _recording(
     built = nominal_rig(inputs)
     signals = _signals(name, topics, segment, built)
     checks.check_signals(name, signals, commands.solenoids)
-    checks.check_rig(name, built, signals, assembled(built).joints, _start_m(built))
+    _check_rig(name, bag, built, signals)
     inputs = dataclasses.replace(inputs, commands=commands, began_s=segment.start_s, exact=is_exact(bag))
     inputs = _with_motion(inputs, topics, segment, built)
     weather = weather_pa(topics, described=bag.simulated)
@@ -300,6 +300,11 @@ def _signals(name: str, topics: Mapping[str, Samples], segment: Segment, built: 
         )
         for each in signals_of(name, topics, segment.start_s, segment.end_s)
     }
+
+
+def _check_rig(name: str, bag: Bag, built: Rig, signals: Mapping[str, Signal]) -> None:
+    joints, is_known = assembled(built).joints, bool(bag.sheet.rig)
+    checks.check_rig(name, built, signals, joints, _start_m(built), is_known=is_known)
 
 
 def _start_m(built: Rig) -> float:
