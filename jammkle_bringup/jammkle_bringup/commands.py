@@ -358,12 +358,14 @@ def _reading(bag: Path) -> Iterator[Callable[[float], None]]:
 
 
 @contextlib.contextmanager
-def _whole_or_gone(folder: Path, failure: str) -> Iterator[None]:
-    """Remove a new folder again where the block does not come to its end; say what has failed on an error of a disk."""
+def _whole_or_gone(new: Path, failure: str) -> Iterator[None]:
+    """Remove a new folder or file if the block does not come to its end; say what has failed on an error of a disk."""
     try:
         yield
     except BaseException as error:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(new, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
         if isinstance(error, OSError):
             msg = f"{failure}: {error.strerror or error}"
             raise GraphError(msg) from error
@@ -390,12 +392,10 @@ def plot(
     place = None if namespace is None else normalised(namespace)
     with _reading(bag) as show:
         picture = run_picture(bag, place, show, StopRequest())
+    new = page if output.exists() else output
     results.make_folder(output)
-    try:
+    with _whole_or_gone(new, f"the page cannot be written into {output}"):
         write_html(picture, page)
-    except OSError as error:
-        msg = f"the page cannot be written into {output}: {error.strerror or error}"
-        raise GraphError(msg) from error
     console = results.console()
     if picture.note:
         console.print(picture.note, markup=False)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -19,6 +21,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_bringup.core.run_plot import RunPicture
+
+
+PLOT_ON_A_FULL_DISK = """
+import resource, sys
+from jammkle_common.command.main import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e4), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=1, max_size=300))
@@ -143,3 +153,19 @@ def test_the_page_needs_no_network(bag: Path, tmp_path: Path) -> None:
     assert "src=" not in page.replace("src='data:", "").partition("<body>")[0]
     assert 'src="http' not in page
     assert "set point" in page
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+def test_a_full_disk_leaves_no_torn_page(bag: Path, tmp_path: Path, *, is_there: bool) -> None:
+    """One line; nothing is in the way of the repeat, and what was there before still is."""
+    output = tmp_path / "plot"
+    if is_there:
+        output.mkdir()
+        (output / "notes.txt").write_text("mine")
+    command = [sys.executable, "-c", PLOT_ON_A_FULL_DISK, "plot", str(bag), "-o", str(output)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == f"jammkle: the page cannot be written into {output}: File too large"
+    assert [file.name for file in output.glob("*")] == (["notes.txt"] if is_there else [])
+    assert output.exists() == is_there
+    assert main(["plot", str(bag), "-o", str(output)]) == 0
