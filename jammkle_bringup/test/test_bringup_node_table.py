@@ -106,6 +106,30 @@ def test_sections_fit_nodes_as_ros_reads_them(tmp_path: Path, section: str, name
             check_parameter_files([path], namespace, NODES)
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("ros__parameters:", "'ros__parameters' of '/**/driver' holds nothing"),
+        ("ros__parameters: ~", "'ros__parameters' of '/**/driver' holds nothing"),
+        ("ros__parameters: []", "'ros__parameters' of '/**/driver' is [], and must be names with values"),
+        ("ros__parameters: false", "'ros__parameters' of '/**/driver' is False, and must be names with values"),
+        ("ros__parameter: {max_vacuum_pa: 5.0e4}", "section '/**/driver' holds 'ros__parameter', which must be"),
+        ("ros_parameters: {max_vacuum_pa: 5.0e4}", "section '/**/driver' holds 'ros_parameters', which must be"),
+        ("ros_parameters:", "section '/**/driver' holds 'ros_parameters', which must be"),
+        ("max_vacuum_pa: 5.0e4", "section '/**/driver' holds no 'ros__parameters'"),
+        ("", "section '/**/driver' holds no 'ros__parameters'"),
+    ],
+)
+def test_a_section_without_parameters_is_named(tmp_path: Path, text: str, said: str) -> None:
+    """A node would end with five lines of rcl, or nothing would be set; an empty table is one that ROS takes."""
+    path = tmp_path / "parameters.yaml"
+    path.write_text(f"/**/driver:\n  {text}\n")
+    with pytest.raises(InputError, match=f"^{re.escape(f'{path}: {said}')}"):
+        check_parameter_files([path], "/", NODES)
+    path.write_text("/**/driver:\n  ros__parameters: {}\n")
+    check_parameter_files([path], "/", NODES)
+
+
 @pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize("text", ["2e-4", "2E-4", ".2e-3", "0.0002", "+2.0e-4"])
 def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str) -> None:

@@ -6,6 +6,7 @@ refuses to start, or not at all where the name of the node is misspelt.
 
 from __future__ import annotations
 
+import difflib
 import enum
 import importlib
 import re
@@ -224,6 +225,8 @@ Value = TypeVar("Value")
 
 _PARAMETERS_KEY = "ros__parameters"
 _WILDCARDS = ("*", "**")
+_MISTYPED = 0.8
+"""Likeness (difflib) from which on a name is a mistyped one. Chosen: two or three letters of it may be wrong."""
 
 
 class _RosLoader(yaml.SafeLoader):
@@ -346,10 +349,17 @@ def _sections(document: Mapping[str, object], path: Path, prefix: str = "") -> I
     for key, value in document.items():
         pattern = f"{prefix}/{str(key).strip('/')}"
         if not isinstance(value, dict):
-            msg = f"{path}: section '{key}' holds no '{_PARAMETERS_KEY}'"
+            msg = f"{path}: section '{prefix or key}' holds no '{_PARAMETERS_KEY}'"
+            raise InputError(msg)
+        mistyped = difflib.get_close_matches(_PARAMETERS_KEY, map(str, value), 1, _MISTYPED)
+        if mistyped and _PARAMETERS_KEY not in value:
+            msg = f"{path}: section '{pattern}' holds '{mistyped[0]}', which must be '{_PARAMETERS_KEY}'"
             raise InputError(msg)
         if _PARAMETERS_KEY in value:
-            values = value[_PARAMETERS_KEY] or {}
+            values = value[_PARAMETERS_KEY]
+            if values is None:  # which rcl refuses
+                msg = f"{path}: '{_PARAMETERS_KEY}' of '{key}' holds nothing; give names with values, or leave it out"
+                raise InputError(msg)
             if not isinstance(values, dict):
                 msg = f"{path}: '{_PARAMETERS_KEY}' of '{key}' is {values!r}, and must be names with values"
                 raise InputError(msg)
