@@ -30,7 +30,7 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
-from jammkle_bringup.graph_client import LOOKERS, GraphClient, below
+from jammkle_bringup.graph_client import COMMAND_NODE, LOOK_S, LOOKERS, GraphClient, below, ros_domain
 from jammkle_bringup.up import Startup, pass_on
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command.errors import GraphError, InputError
@@ -106,7 +106,7 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
         asked_to_stop: Ends it early.
 
     Raises:
-        InputError: a bag is there already, or there is no such exercise or option.
+        InputError: a bag is there already, there is no such exercise or option, or another one is going on.
         GraphError: the graph is not there, or refuses.
         Interrupted: asked to stop; everything is vented, and what was recorded is complete.
 
@@ -174,6 +174,7 @@ class _Session:
                 self._take_joints(ankle, message)
 
             client.node.create_subscription(JointState, topic, take, subscriber_qos(JOINT_STATES))
+        self._refuse_second()
         self._trajectory = client.node.create_publisher(
             JointTrajectory, resolved(client.namespace, JOINT_TRAJECTORY.name), publisher_qos(JOINT_TRAJECTORY)
         )
@@ -188,6 +189,25 @@ class _Session:
             raise GraphError(_STANDS)
         self._built = {name: self._value_of(node, name).double_value for node, name in AS_BUILT}
         self._set_auto(automatic=False)
+
+    def _refuse_second(self) -> None:
+        """Refuse to move what another exercise moves: each publishes where its ankles are, from before it begins.
+
+        Raises:
+            InputError: as said.
+
+        """
+        client, topics = self._client, [publisher.topic_name for publisher in self._places.values()]
+        own = client.node.get_fully_qualified_name()
+
+        def others() -> list[str]:
+            ends = [end for topic in topics for end in client.publishers(topic)]
+            return sorted({node_at(end) for end in ends if end.node_name.startswith(COMMAND_NODE)} - {own})
+
+        if client.wait_until(lambda: bool(others()), LOOK_S):
+            msg = f"another exercise is going on in namespace {client.namespace} of ROS domain {ros_domain()} "
+            msg += f"({', '.join(others())}); wait for its end (one that was killed is seen for 20 s more)"
+            raise InputError(msg)
 
     def _value_of(self, node: str, name: str) -> ParameterValue:
         """Return a parameter of a node of every ankle; it is not set, that is 0 and false, where the node has none.

@@ -49,6 +49,10 @@ DISCOVERY_S = 3.5
 announcement, which the DDS of ROS 2 (Fast DDS) sends every 3 s."""
 
 
+COMMAND_NODE = "jammkle_command"
+"""Begin of the names of nodes of the command."""
+
+
 class GraphClient:
     """Context manager around a node without parameters or services of its own."""
 
@@ -67,7 +71,7 @@ class GraphClient:
 
     def __enter__(self) -> Self:
         """Join the graph."""
-        name = f"jammkle_command_{os.getpid()}"
+        name = f"{COMMAND_NODE}_{os.getpid()}"
         self.node = self._joined(name)
         self._lookers = [self.node, *(self._joined(f"{name}_{number}") for number in range(self._more))]
         self._executor = SingleThreadedExecutor(context=self.node.context)
