@@ -343,3 +343,16 @@ def test_a_half_of_a_pair_is_fitted_from_where_the_pair_has_come_to() -> None:
     halves = {each.names: whole.error.cost(each) for each in search.halves([whole.explained.fits["load", "rubbing"]])}
     assert set(halves) == {("load",), ("rubbing",)}
     assert halves["load",] < 0.3 * begun.error.cost(begun.explained.fits["load",])
+
+
+def test_a_candidate_begins_where_its_constants_come_to() -> None:
+    """A mass that has moved for a load of half the arm moves back beside it, before anything is simulated."""
+    runs, runner = recorded(31, {"load.share": 0.5}, {"arm.mass": 0.96, "servo.stiffness": 1.04}), Runner(EXACT, 1)
+    whole = evidence_of(runs, (), EXACT, runner, Constants(), None)
+    alone, fitted = whole.explained.within, whole.explained.fits["load",]
+    search = _Search(whole.machine, whole.error, whole.grids, runner, Constants())
+    (place,) = (each for each in search.base(whole.difference).singles if each.names == ("load",))
+    (start,) = search.responding([place], alone)
+    far, near = (np.linalg.norm(each - fitted.scores) for each in (alone.scores, start.scores))
+    print(near, far)
+    assert near < 0.3 * far

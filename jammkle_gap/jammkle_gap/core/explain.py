@@ -50,6 +50,9 @@ to be fitted on. Chosen: on a healthy development specimen those that were 88 to
 caught up."""
 _SETTLED = 0.25
 """Nats that a further fit gains, from 0 to this, for none to follow it. Chosen: a quarter of `_WORTH_GOING_ON`."""
+_SAME = 0.1
+"""Nats that a fit may leave more than the one that it began at, and still be kept for its later derivatives: a tenth, as
+`_NEGLIGIBLE` of a fit's steps."""
 _NESTED = 2
 """Candidates from whose constants those alone are fitted once more, and pairs from which each half is."""
 
@@ -108,8 +111,8 @@ def least_left(
 ) -> float:
     """Return the squared length of what the best of the most promising effects leaves, with the constants held."""
     search = _Search(machine, error, grids, runner, constants)
-    base = search.base(error.difference, search.blank, search.blank, None)
-    fits = search.fitted([(base, search.blank, each) for each in base.singles[: constants.tried_on_machines]], "")
+    base = search.base(error.difference)
+    fits = search.fitted(search.responding(base.singles[: constants.tried_on_machines], search.blank), "")
     return min((fit.left for fit in fits), default=base.length)
 
 
@@ -122,16 +125,23 @@ class _Base:
     profiles: Profiles
     singles: Sequence[Place]
     """Effects, the most promising first."""
-    fit: Fit
-    """The constants that a candidate begins with."""
+    fit: Fit | None
+    """The constants that a candidate begins with; None: the nominal machine's, which are no place to begin at."""
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A candidate to be fitted."""
+
+    place: Place
+    scores: NDArray[np.float64]
+    """Of the constants that it begins with."""
     weighs: Fit
-    """Constants whose discrepancy weighs the features first."""
+    """Its discrepancy weighs the features first."""
     slopes: Sequence[NDArray[np.float64]] | None
     """Derivatives by the constants; None: those at the nominal machine."""
-
-
-_Start = tuple[_Base, Fit, "Place"]
-"""A candidate to be fitted: what it was found beside, the constants that it begins with, and where on the meshes."""
+    evenly: bool
+    """Whether that discrepancy is spread evenly over each signal at first."""
 
 
 class _Search:
@@ -194,7 +204,7 @@ class _Search:
                 # What it leaves is searched for a second effect, and shall be as little as can be.
                 settled = self._sharpened([singles[0]], (True, False), "fitting")
                 singles = self._best_of(nothing, [*settled, *singles])
-            promising = self._promising_pairs(singles, bases[min(1, len(bases) - 1)])
+            promising = self._promising_pairs(singles, bases[min(1, len(bases) - 1)], nothing, slopes)
             pairs = self._best_of(nothing, self.fitted(promising, "fitting pairs", error.cost(nothing)))
             singles = self._best_of(nothing, [*singles, *self.halves(pairs[:_NESTED])])
         fits, likelihoods = self._weighed({fit.names: fit for fit in (nothing, *singles, *pairs)}, gap=gap)
@@ -202,16 +212,39 @@ class _Search:
         silent = tuple(effect.name for effect in machine.problem.library if effect.name not in moving)
         return Explained(alone, noticed, fits.pop(NONE_OF_THEM), fits, likelihoods, silent, self.finished)
 
-    def base(
-        self, difference: Difference, fit: Fit, weighs: Fit, slopes: Sequence[NDArray[np.float64]] | None
-    ) -> _Base:
+    def base(self, difference: Difference, fit: Fit | None = None) -> _Base:
         """Look effects up on their grids; arguments as the fields of `_Base`."""
         profiles = Profiles(
             grids_of(self._machine.problem), grid_signatures(self._grids, difference), difference.whitened
         )
         singles = sorted(map(profiles.single, profiles.names), key=lambda place: -place.gain)
-        length = float(difference.whitened @ difference.whitened)
-        return _Base(length, profiles, singles, fit, weighs, slopes)
+        return _Base(float(difference.whitened @ difference.whitened), profiles, singles, fit)
+
+    def responding(self, places: Sequence[Place], beside: Fit) -> list[_Start]:
+        """Return candidates that begin where a fit's constants come to, to first order, once the effect is there.
+
+        A constant that stands for the effect moves back, and others stay where they explain what it does not. At the
+        optimum of the fit nothing is left to gain by the constants, so that the step of generalised least squares is
+        that to the effect's signature alone.
+
+        Args:
+            places: Effects on their meshes; those that the fit has already stay as they are.
+            beside: The fit.
+
+        """
+        weights, free = self._error.difference_with(beside), len(beside.values)
+        slopes, columns = None, weights.shared
+        if beside.slopes:
+            slopes = [each[:, free:] for each in derivatives_of(self._rough, beside)]
+            columns = weights.by_scatter([each[:, free:].T for each in beside.slopes]).T
+        normal = np.eye(columns.shape[1]) + columns.T @ columns
+        scores = beside.scores if len(beside.scores) else np.zeros(columns.shape[1])
+        found = []
+        for place in places:
+            parts = [sum(own @ self._grids[name][k] for name, own in place.weights.items()) for k in self._settings]
+            response = np.linalg.solve(normal, columns.T @ weights.by_scatter(parts))
+            found.append(_Start(place, scores - response, beside, slopes, evenly=False))
+        return found
 
     def fitted(self, starts: Sequence[_Start], what: str, alone: float = np.inf) -> list[Fit]:
         """Return candidates fitted beside the discrepancy that each leaves, those that can be simulated.
@@ -224,16 +257,19 @@ class _Search:
         """
         machine, error, constants = self._rough, self._error, self._constants
         once = replace(constants, reweighings=1) if self._dear else constants
-        by_slopes: dict[int, list[tuple[Any, ...]]] = {}
-        for base, beside, place in starts:
-            keys = [key for key, _ in machine.problem.library.parameters(place.names)]
-            values = dict(zip(keys, np.concatenate(place.values).tolist(), strict=True))
-            start = replace(begun(place.names, values), scores=beside.scores)
-            begins = (machine, error, start, base.weighs, once, base.slopes)
-            by_slopes.setdefault(id(base.slopes), []).append(begins)
+        groups: dict[tuple[int, bool], list[tuple[Any, ...]]] = {}
+        for start in starts:
+            keys = [key for key, _ in machine.problem.library.parameters(start.place.names)]
+            values = dict(zip(keys, np.concatenate(start.place.values).tolist(), strict=True))
+            begin = replace(begun(start.place.names, values), scores=start.scores)
+            work = (machine, error, begin, start.weighs, once, start.slopes)
+            groups.setdefault((id(start.weighs), start.evenly), []).append(work)
         rest = replace(constants, reweighings=constants.reweighings - once.reweighings)
         found: list[Fit] = []
-        begun_by = [(work, self._until_stopped(fit_beside_error, work, what)) for work in by_slopes.values()]
+        begun_by = [
+            (work, self._until_stopped(partial(fit_beside_error, evenly=evenly), work, what))
+            for (_, evenly), work in groups.items()
+        ]
         if not rest.reweighings:
             return [fit for _, fits in begun_by for fit in fits]
         least: dict[frozenset[str], float] = {}
@@ -280,33 +316,49 @@ class _Search:
         Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error
         of the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
         """
-        found = [(base, base.fit, place) for base in bases for place in base.singles[: self._constants.refined]]
+        constants = self._constants
+        starts: list[_Start] = []
+        for base in bases:
+            starts += self._begun_beside(base, base.singles[: constants.refined], nothing, slopes)
         if len(bases) == 1:
-            evenly = self.base(self._error.evenly_with(self.blank), self.blank, self.blank, None)
+            evenly = self.base(self._error.evenly_with(self.blank))
         else:
             there = self._about(self._error.evenly_with(nothing), nothing, slopes, np.zeros(len(nothing.scores), bool))
-            evenly = self.base(there, nothing, nothing, slopes)
-        known = {place.names for base, _, place in found if base.fit is evenly.fit}
-        others = [place for place in evenly.singles[: self._constants.paired] if place.names not in known]
-        return [*found, *((evenly, evenly.fit, place) for place in others)]
+            evenly = self.base(there, nothing)
+        same = bases[min(1, len(bases) - 1)]
+        known = {place.names for place in same.singles[: constants.refined]}
+        others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
+        return [*starts, *self._begun_beside(evenly, others, nothing, slopes)]
 
-    def _promising_pairs(self, singles: Sequence[Fit], about: _Base) -> list[_Start]:
+    def _begun_beside(
+        self, base: _Base, places: Sequence[Place], nothing: Fit, slopes: Sequence[NDArray[np.float64]]
+    ) -> list[_Start]:
+        if base.fit is None:
+            return self.responding(places, nothing)
+        return [_Start(place, base.fit.scores, nothing, slopes, evenly=True) for place in places]
+
+    def _promising_pairs(
+        self, singles: Sequence[Fit], about: _Base, nothing: Fit, slopes: Sequence[NDArray[np.float64]]
+    ) -> list[_Start]:
         """Return pairs to be fitted: from fitted effects on, and by grids alone.
 
         A second effect shows where the first leaves most, and is looked for by what that leaves of a signal on the
         whole: block by block, it would count as the error of the simulator.
         """
         weighed, constants = self._error.evenly_with(singles[0]), self._constants
-        profiles = self.base(weighed, self.blank, self.blank, None).profiles
-        first = [_whitened_by(weighed, fit) for fit in singles[: constants.paired]]
-        seconds = [(about, fit, place) for fit in first for place in profiles.seconds(fit)]
-        most = constants.refined_pairs // 2
+        profiles = self.base(weighed).profiles
+        most, tried = constants.refined_pairs // 2, constants.refined_pairs // 2
+        if self._affordable and not self._dear and self._error.without_references:
+            # A pair that is missed lets another be certain: where runs are cheap more of them are fitted.
+            tried = 2 * constants.refined_pairs
+        first = singles[: constants.paired]
+        seconds = [(i, place) for i, fit in enumerate(first) for place in profiles.seconds(_whitened_by(weighed, fit))]
+        kept = sorted(seconds, key=lambda each: -each[1].gain)[:tried]
+        starts: list[_Start] = []
+        for i, fit in enumerate(first):
+            starts += self.responding([place for k, place in kept if k == i], fit)
         names = [place.names[0] for place in about.singles[: constants.paired]]
-        by_grids = [(about, about.fit, place) for place in about.profiles.pairs(names, most)]
-        # A pair that is missed lets another be certain: where runs are cheap more of them are fitted.
-        cheap = self._affordable and not self._dear and self._error.without_references
-        tried = 2 * constants.refined_pairs if cheap else most
-        return [*sorted(seconds, key=lambda each: -each[2].gain)[:tried], *by_grids]
+        return [*starts, *self._begun_beside(about, about.profiles.pairs(names, most), nothing, slopes)]
 
     def halves(self, pairs: Sequence[Fit]) -> list[Fit]:
         """Return the effects of pairs by themselves, fitted from where the pair has come to.
@@ -361,16 +413,16 @@ class _Search:
         A worn pump is an effect, and constants of its curve as well. Beside constants that have taken an effect up it
         explains nothing more: it is looked for with those that lie beyond their tolerance held at nominal.
         """
-        found = [self.base(self._error.difference_with(self.blank), self.blank, self.blank, None)]
+        found = [self.base(self._error.difference_with(self.blank))]
         away = np.abs(nothing.scores)
         if away.max(initial=0.0) > _FAR:
             weighed, beyond = self._error.difference_with(nothing), away > _BEYOND
             there = self._about(weighed, nothing, slopes, np.zeros_like(beyond))
-            found.append(self.base(there, nothing, nothing, slopes))
+            found.append(self.base(there, nothing))
             if beyond.any():
                 kept = replace(nothing, scores=np.where(beyond, 0.0, nothing.scores))
                 between = self._about(weighed, nothing, slopes, beyond)
-                found.append(self.base(between, kept, nothing, slopes))
+                found.append(self.base(between, kept))
         return found
 
     def _about(
@@ -556,8 +608,8 @@ def fit_beside_error(
             break
         gained = error.cost(fit) - error.cost(found) if fit.slopes else np.inf
         fit = found
-        # Where it begins it has been fitted before if it has derivatives.
-        best = fit if not best.slopes or error.cost(fit) < error.cost(best) else best
+        # Where it begins it has been fitted before if it has derivatives; those taken later are nearer to where it ends.
+        best = fit if not best.slopes or error.cost(fit) < error.cost(best) + _SAME else best
         if 0.0 <= gained < _SETTLED:
             break
         difference = error.difference_with(fit)
@@ -594,6 +646,6 @@ def sharpen(
         runs += [made for _, made in slopes]
         found = fit_jointly(machine, difference, fit, signatures, constants, [each for each, _ in slopes])
         fit = found if found.features else fit
-        best = fit if error.cost(fit) < error.cost(best) else best
+        best = fit if error.cost(fit) < error.cost(best) + _SAME else best
     runs.append(signatures.made)
     return best, Made(sum(each.runs for each in runs), sum(each.simulated_s for each in runs))

@@ -68,6 +68,8 @@ class Place:
     """Parameters of each effect, in its order."""
     gain: float
     """By how much it shortens the squared difference; of `seconds`, less its whole length."""
+    weights: Mapping[str, NDArray[np.float64]]
+    """Of the grid points in its signature, by effect; effects that were fitted already are not in it."""
 
 
 class Profiles:
@@ -108,8 +110,8 @@ class Profiles:
 
     def single(self, name: str) -> Place:
         """Return the best place of one effect."""
-        _, values, gain = self._best(name, np.zeros(len(self._overlap)))
-        return Place((name,), (values,), gain)
+        weights, values, gain = self._best(name, np.zeros(len(self._overlap)))
+        return Place((name,), (values,), gain, self._by_effect(weights, (name,)))
 
     def pairs(self, first: Sequence[str], most: int) -> list[Place]:
         """Return the best pairs, best first.
@@ -150,7 +152,8 @@ class Profiles:
             quadratic = np.einsum("ij,jk,ik->i", grid.weights, gram, grid.weights, optimize=True)
             gains = 2.0 * grid.weights @ (rows @ left) - quadratic
             best = int(np.argmax(gains))
-            found.append(Place((*fit.names, name), (first, grid.mesh[best]), float(gains[best]) - fit.left))
+            names, gain = (*fit.names, name), float(gains[best]) - fit.left
+            found.append(Place(names, (first, grid.mesh[best]), gain, {name: grid.weights[best]}))
         return sorted(found, key=lambda place: -place.gain)
 
     def _pair(self, one: str, other: str) -> Place:
@@ -166,7 +169,11 @@ class Profiles:
             if i > 1 and total < gain * (1.0 + 1e-4):
                 break
             gain = total
-        return Place((one, other), (values[one], values[other]), gain)
+        weights = self._by_effect(own[one] + own[other], (one, other))
+        return Place((one, other), (values[one], values[other]), gain, weights)
+
+    def _by_effect(self, weights: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+        return {name: weights[self._slices[name]] for name in names}
 
     def _best(self, name: str, given: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return weights of all points, parameters and gain of one effect beside others' weights."""
