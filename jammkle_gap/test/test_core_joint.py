@@ -354,5 +354,4 @@ def test_a_candidate_begins_where_its_constants_come_to() -> None:
     (place,) = (each for each in search.base(whole.difference).singles if each.names == ("load",))
     (start,) = search.responding([place], alone)
     far, near = (np.linalg.norm(each - fitted.scores) for each in (alone.scores, start.scores))
-    print(near, far)
     assert near < 0.3 * far

@@ -51,8 +51,8 @@ caught up."""
 _SETTLED = 0.25
 """Nats that a further fit gains, from 0 to this, for none to follow it. Chosen: a quarter of `_WORTH_GOING_ON`."""
 _SAME = 0.1
-"""Nats that a fit may leave more than the one that it began at, and still be kept for its later derivatives: a tenth, as
-`_NEGLIGIBLE` of a fit's steps."""
+"""Nats that a fit may cost more than the one it began at, and still be kept for its later derivatives. Chosen: no
+candidate is more likely than another for less."""
 _NESTED = 2
 """Candidates from whose constants those alone are fitted once more, and pairs from which each half is."""
 
@@ -241,8 +241,11 @@ class _Search:
         scores = beside.scores if len(beside.scores) else np.zeros(columns.shape[1])
         found = []
         for place in places:
-            parts = [sum(own @ self._grids[name][k] for name, own in place.weights.items()) for k in self._settings]
-            response = np.linalg.solve(normal, columns.T @ weights.by_scatter(parts))
+            signature = [
+                np.sum([own @ self._grids[name][k] for name, own in place.weights.items()], axis=0)
+                for k in self._settings
+            ]
+            response = np.linalg.solve(normal, columns.T @ weights.by_scatter(signature))
             found.append(_Start(place, scores - response, beside, slopes, evenly=False))
         return found
 
@@ -262,8 +265,8 @@ class _Search:
             keys = [key for key, _ in machine.problem.library.parameters(start.place.names)]
             values = dict(zip(keys, np.concatenate(start.place.values).tolist(), strict=True))
             begin = replace(begun(start.place.names, values), scores=start.scores)
-            work = (machine, error, begin, start.weighs, once, start.slopes)
-            groups.setdefault((id(start.weighs), start.evenly), []).append(work)
+            begins = (machine, error, begin, start.weighs, once, start.slopes)
+            groups.setdefault((id(start.weighs), start.evenly), []).append(begins)
         rest = replace(constants, reweighings=constants.reweighings - once.reweighings)
         found: list[Fit] = []
         begun_by = [
@@ -608,7 +611,7 @@ def fit_beside_error(
             break
         gained = error.cost(fit) - error.cost(found) if fit.slopes else np.inf
         fit = found
-        # Where it begins it has been fitted before if it has derivatives; those taken later are nearer to where it ends.
+        # Where it begins it has been fitted before if it has derivatives; later ones are nearer to where it ends.
         best = fit if not best.slopes or error.cost(fit) < error.cost(best) + _SAME else best
         if 0.0 <= gained < _SETTLED:
             break
