@@ -37,8 +37,9 @@ class Standing(enum.Enum):
     IN_STEP = "in step"
     SILENT = "silent"
     """It did not answer in time."""
-    FUTURE = "in the future"
-    """It answered with a stamp that was never sent."""
+    AHEAD = "ahead"
+    """It answered with a stamp that was not sent yet, as where another simulation's tick has come to it first; one that
+    stays ahead lives in another time."""
     PAST = "in the past"
     """It keeps answering with stamps that are over."""
 
@@ -53,6 +54,8 @@ class _Participant:
     """Of its latest answer."""
     odd_s: float = -math.inf
     """When it last answered more often than it was asked, by real time."""
+    ahead_s: float = math.inf
+    """Since when it has been ahead, by real time."""
 
 
 class Lockstep:
@@ -98,6 +101,8 @@ class Lockstep:
             self._sent_s = self._now_s()
             for each in self._known.values():
                 each.answers = each.past_answers = 0
+                if each.standing is Standing.AHEAD and each.stamp_ns == tick_ns:
+                    each.done_ns, each.standing = tick_ns, Standing.IN_STEP
         self._times_sent += 1
         self._repeated_s = self._now_s()
 
@@ -109,7 +114,8 @@ class Lockstep:
         each = self._known.setdefault(name, _Participant(stamp_ns))
         standing, each.stamp_ns = each.standing, stamp_ns
         if stamp_ns > self._tick_ns:
-            each.standing = Standing.FUTURE
+            each.standing = Standing.AHEAD
+            each.ahead_s = each.ahead_s if standing is Standing.AHEAD else self._now_s()
         elif stamp_ns == self._tick_ns:
             each.done_ns, each.standing = stamp_ns, Standing.IN_STEP
             each.answers += 1
@@ -119,7 +125,8 @@ class Lockstep:
             each.past_answers += 1
             if each.past_answers > MOST_PAST_ANSWERS:
                 each.standing = Standing.PAST
-        self.changes += before is None or each.standing is not standing
+        # One that is ahead for a moment is nothing to report.
+        self.changes += before is None or (each.standing is not standing and each.standing is not Standing.AHEAD)
 
     def forget(self, name: str) -> None:
         """Note that a participant has left."""
@@ -153,7 +160,7 @@ class Lockstep:
             stamp_s = each.stamp_ns / NANOSECONDS_PER_SECOND
             if each.standing is Standing.SILENT:
                 texts.append(f"{name} has not answered for {self.timeout_s:g} s: it is not waited for until it does")
-            elif each.standing is Standing.FUTURE:
+            elif each.standing is Standing.AHEAD and now_s - each.ahead_s > REPEAT_S:
                 texts.append(f"{name} says it is done with {stamp_s:.4f} s, which is to come: it is not waited for")
             elif each.standing is Standing.PAST:
                 texts.append(f"{name} keeps saying that it is done with {stamp_s:.4f} s: it is not waited for")
