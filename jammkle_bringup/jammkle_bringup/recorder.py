@@ -195,7 +195,7 @@ class Recorder(Node):
             self._failed = True
 
     def _take(self, name: str, is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001 - bound
-        # a latched message from before belongs to the begin: nobody was there when it was published
+        # a latched message from before belongs to the start: nobody was there when it was published
         is_from_before = info.sent_ns < self._begun_ns
         source_ns = max(info.sent_ns, self._begun_ns)
         # of health, since that comes from nodes that live in neither time

@@ -174,7 +174,7 @@ def test_recover_judges_times_as_info_does(
 def test_a_log_of_zeros_without_any_stamp_is_no_span_of_years(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What has no stamp and was logged before a clock was found counts as the begin."""
+    """What has no stamp and was logged before a clock was found counts as the start."""
     log = BagLog(tmp_path / "bag", MessageDefinitions(share_folders()))
     log.add_topic("/duty", "std_msgs/msg/Float32", list)
     for number in range(50):

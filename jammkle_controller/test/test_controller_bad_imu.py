@@ -252,7 +252,7 @@ def test_a_contact_switch_goes_on_where_the_imu_is_broken(streams: Any) -> None:
 
 @pytest.mark.parametrize("planned_share", [None, 0.7])
 def test_a_gait_phase_vents_in_time_and_jams_ahead(streams: Any, planned_share: float | None) -> None:
-    """The swing is soft from its begin on, and evacuated so that it grips at the planned touch-down, on an IMU at rest.
+    """The swing is soft from its start on, and evacuated so that it grips at the planned touch-down, on an IMU at rest.
 
     Where the gait says itself when it plans contact, that counts and not stance_share.
     """

@@ -199,7 +199,7 @@ def test_clock_set_back_keeps_the_set_points_and_the_rest_of_the_delay(
 def test_silence_counts_in_the_time_that_the_ankle_lives_in(
     begin_s: float, seen: list[tuple[int, float, bool]]
 ) -> None:
-    """The IMU is missed when time goes on without samples; not where time stands, or jumps from zero to its begin."""
+    """The IMU is missed when time goes on without samples; not where time stands, or jumps from zero to its start."""
     freshness = Freshness(0.2, now_s=begin_s)
     for usable, now_s, stale in seen:
         freshness.observe(StreamCounts(usable=usable), now_s)

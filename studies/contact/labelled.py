@@ -260,7 +260,7 @@ class _Track:
     """Index and speed, m/s."""
     liftoffs: list[int] = field(default_factory=list)
     slides: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
-    """Index of the begin, and way, m, from there."""
+    """Index of the start, and way, m, from there."""
     walks: list[NDArray[np.float64]] = field(default_factory=list)
     """1 in a stride, 0 as it rests."""
 

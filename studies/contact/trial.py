@@ -107,7 +107,7 @@ UNCLEAR_S = WINDOWS_S["impact"]
 """The same for what need not be reported, whether a touch or its loss: a foot that rebounds is back after 60 ms, s."""
 
 LATEST_SLIP_S = 0.2
-"""So long after a slide's begin its slip must be reported, s: as slides within a step last. Who slides down a slope
+"""So long after a slide's start its slip must be reported, s: as slides within a step last. Who slides down a slope
 for a second is hit by something, and what reports of that has not felt the slip."""
 
 
@@ -379,7 +379,7 @@ def detected_by_ours(
 
 
 def scored(recording: LabelledRecording, kind: str, times_s: Sequence[float]) -> Score:
-    """Score times of a kind on a recording, from `SEEN_S` after its begin until the robot falls over."""
+    """Score times of a kind on a recording, from `SEEN_S` after its start until the robot falls over."""
     begin_s, end_s = CLOCK_START_S + SEEN_S, recording.fell_s
 
     def counted(all_s: Sequence[float]) -> list[float]:

@@ -115,7 +115,7 @@ def _watch(probe: Probe, viewer: psutil.Process, address: str) -> _Round:
 
 
 def real_time_factor(probe: Probe, meanwhile: Callable[[float], None], settle_s: float = SETTLE_S) -> float:
-    """Simulated seconds per second, by /clock at the begin and the end; nobody listens to it in between.
+    """Simulated seconds per second, by /clock at the start and the end; nobody listens to it in between.
 
     Args:
         probe: Node to receive it with.

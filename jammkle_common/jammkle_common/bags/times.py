@@ -6,7 +6,7 @@ data in every quarter of a second of log. Its stamps and /clock know that.
 Stamps are believed as far as they go with the rest. Those that are zero or stand still count as none, and a topic whose
 stamps are of another clock is shifted onto that of the rest; both are said. So is a single stamp, or a log time, that
 lies apart. A trajectory without a stamp begins when it comes, and nothing is said. What is latched from before the bag
-has the time of its begin, as it tells what held then.
+has the time of its start, as it tells what held then.
 """
 
 from __future__ import annotations
@@ -270,7 +270,7 @@ class BagTimes:
         """Find parts of the log that have a clock of their own, as before a clock was set; one part as a rule.
 
         The part with most messages is the rest that the others are compared with, topic by topic. What has no stamps,
-        and was logged at zero, is of the begin of the rest.
+        and was logged at zero, is of the start of the rest.
         """
         reader = self._reader
         parts, before_ns = [_LogPart(reader.start_time)], reader.start_time

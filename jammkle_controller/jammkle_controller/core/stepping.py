@@ -201,7 +201,7 @@ LEAST_ALONG_M_S = 0.04
 than which nobody need act on. With both, on 48 drawn walks that are in no trial, 62 of 120 slips were felt, without 63,
 and 157 false ones reported, without 184; of 34 in a default walk of 10 s of the hind feet two were left."""
 FORGOTTEN_S = 4.0 * LEAK_TIME_S
-"""After which of 0.5 m/s at the begin 0.01 are left, below any `slip_speed_m_s`, s."""
+"""After which of 0.5 m/s at the start 0.01 are left, below any `slip_speed_m_s`, s."""
 _SPEED_FLOOR_M_S = 0.003
 """Added before the logarithm, m/s: what noise and bias of a common sensor make over a stance."""
 _LONGEST_S = 0.5
@@ -250,7 +250,7 @@ class SoleFilter:
         return self.upward > STRAIGHT_UP or (self.upward > 0.0 and along_m_s < LEAST_ALONG_M_S)
 
     def knows_speed(self, time_ns: int) -> bool:
-        """Whether the speed is that of the sole: integrated from a rest, or so long that its begin is forgotten.
+        """Whether the speed is that of the sole: integrated from a rest, or so long that its start is forgotten.
 
         Where the ankle gives, the IMU goes on as the sole touches down: at 0.5 m/s of a shank whose toe stands.
         """
