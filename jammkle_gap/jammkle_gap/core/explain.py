@@ -246,7 +246,8 @@ class _Search:
                 for k in self._settings
             ]
             response = np.linalg.solve(normal, columns.T @ weights.by_scatter(signature))
-            found.append(_Start(place, scores - response, beside, slopes, evenly=False))
+            # Where it is fitted in one go it may have far to go still; else it is weighed anew once it is near.
+            found.append(_Start(place, scores - response, beside, slopes, evenly=not self._dear))
         return found
 
     def fitted(self, starts: Sequence[_Start], what: str, alone: float = np.inf) -> list[Fit]:
