@@ -112,7 +112,7 @@ def least_left(
     """Return the squared length of what the best of the most promising effects leaves, with the constants held."""
     search = _Search(machine, error, grids, runner, constants)
     base = search.base(error.difference)
-    fits = search.fitted(search.responding(base.singles[: constants.tried_on_machines], search.blank), "")
+    fits = search.fitted(search.begun_at(base.singles[: constants.tried_on_machines], search.blank), "")
     return min((fit.left for fit in fits), default=base.length)
 
 
@@ -246,8 +246,7 @@ class _Search:
                 for k in self._settings
             ]
             response = np.linalg.solve(normal, columns.T @ weights.by_scatter(signature))
-            # Where it is fitted in one go it may have far to go still; else it is weighed anew once it is near.
-            found.append(_Start(place, scores - response, beside, slopes, evenly=not self._dear))
+            found.append(_Start(place, scores - response, beside, slopes, evenly=False))
         return found
 
     def fitted(self, starts: Sequence[_Start], what: str, alone: float = np.inf) -> list[Fit]:
@@ -337,9 +336,20 @@ class _Search:
     def _begun_beside(
         self, base: _Base, places: Sequence[Place], nothing: Fit, slopes: Sequence[NDArray[np.float64]]
     ) -> list[_Start]:
-        if base.fit is None:
-            return self.responding(places, nothing)
-        return [_Start(place, base.fit.scores, nothing, slopes, evenly=True) for place in places]
+        if base.fit is not None:
+            return self.begun_at(places, base.fit, nothing, slopes)
+        # Where runs are cheap a fit is made in one go, and finds more from the nominal machine, weighed evenly first.
+        return self.responding(places, nothing) if self._dear else self.begun_at(places, self.blank)
+
+    def begun_at(
+        self,
+        places: Sequence[Place],
+        fit: Fit,
+        weighs: Fit | None = None,
+        slopes: Sequence[NDArray[np.float64]] | None = None,
+    ) -> list[_Start]:
+        """Return candidates that begin with a fit's constants; by default its discrepancy weighs them, too."""
+        return [_Start(place, fit.scores, weighs or fit, slopes, evenly=True) for place in places]
 
     def _promising_pairs(
         self, singles: Sequence[Fit], about: _Base, nothing: Fit, slopes: Sequence[NDArray[np.float64]]
@@ -360,7 +370,13 @@ class _Search:
         kept = sorted(seconds, key=lambda each: -each[1].gain)[:tried]
         starts: list[_Start] = []
         for i, fit in enumerate(first):
-            starts += self.responding([place for k, place in kept if k == i], fit)
+            places = [place for k, place in kept if k == i]
+            if self._dear:
+                starts += self.responding(places, fit)
+            elif about.fit is None:
+                starts += self.begun_at(places, fit, self.blank)
+            else:
+                starts += self.begun_at(places, fit, nothing, slopes)
         names = [place.names[0] for place in about.singles[: constants.paired]]
         return [*starts, *self._begun_beside(about, about.profiles.pairs(names, most), nothing, slopes)]
 
