@@ -382,7 +382,7 @@ def _is_clock(connection: Connection) -> bool:
 
 
 def _is_time_base(connection: Connection, offered: Collection[Qos]) -> bool:
-    """Return whether two runs are told by times that go back: where several nodes publish, one may only be late."""
+    """Return whether times that go back mean a second run: where several nodes publish, one may only be late."""
     if _is_clock(connection):
         return True
     return connection.msgtype != DIAGNOSTICS.message_type and len(offered) <= 1

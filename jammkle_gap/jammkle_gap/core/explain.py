@@ -126,7 +126,7 @@ class _Base:
     singles: Sequence[Place]
     """Effects, the most promising first."""
     fit: Fit | None
-    """The constants that a candidate begins with; None: the nominal machine's, which are no place to begin at."""
+    """The constants that a candidate begins with; None: these were nominal where it was looked for."""
 
 
 @dataclass(frozen=True)
