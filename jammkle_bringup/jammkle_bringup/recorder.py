@@ -84,6 +84,8 @@ class Recorder(Node):
         self._requested: dict[str, QoSProfile] = {}
         self._types: dict[str, tuple[str, Callable[[], Sequence[Qos]]]] = {}
         self._of_clock_maker: dict[str, bool] = {}
+        self._of_one_publisher: set[str] = set()
+        self.losses = Losses()
         self._done = self.create_publisher(Header, LOCKSTEP.name, answer_qos())
         self._answer = wire.Writer(self.get_fully_qualified_name(), 0)
         self._refused: dict[str, str] = {}
@@ -133,6 +135,10 @@ class Recorder(Node):
             if name in self._refused or name.endswith(f"/{LOCKSTEP.name}") or not belongs(self._namespace, name):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
+            if len(publishers) == 1:
+                self._of_one_publisher.add(name)
+            else:
+                self._of_one_publisher.discard(name)
             if not publishers:
                 continue
             if len(types) > 1:
@@ -170,7 +176,9 @@ class Recorder(Node):
         text = f"recording into {self.path}"
         if self._refused:
             text += "; not recorded: " + "; ".join(f"{name}: {why}" for name, why in self._refused.items())
-        level = Level.WARN if self._refused else Level.OK
+        if self.losses.by_topic:
+            text += f"; {self.losses}"
+        level = Level.WARN if self._refused or self.losses.by_topic else Level.OK
         return [Health("recording", level, text, values), self._liveness.health()]
 
     def _now(self) -> Time | None:
@@ -202,6 +210,7 @@ class Recorder(Node):
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
         message = Received(name, data, source_ns, stamp_ns, is_from_before)
         self.received += 1
+        self.losses.take(name, info.number, of_one_publisher=name in self._of_one_publisher)
         with self._keeping_failure():
             self._keep(message)
             self._log_one(message)
@@ -371,6 +380,31 @@ class Received:
     """Whether it was published before the recording began, as latched messages may be."""
 
 
+class Losses:
+    """Messages that did not come in, since the machine was too busy to take them before the queue was full.
+
+    They are gaps in the numbers that a publisher gives its messages. Which of several publishers a message comes from
+    is not known, so that only topics with one are counted.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is lost yet."""
+        self.by_topic: dict[str, int] = {}
+        self._latest: dict[str, int] = {}
+
+    def take(self, topic: str, number: int, *, of_one_publisher: bool) -> None:
+        """Take a message's number, from 1; 0: the middleware does not count."""
+        before = self._latest.get(topic, 0)
+        self._latest[topic] = number if of_one_publisher else 0
+        if of_one_publisher and 0 < before < number - 1:
+            self.by_topic[topic] = self.by_topic.get(topic, 0) + number - before - 1
+
+    def __str__(self) -> str:
+        """Return what was lost of which topics, and why."""
+        lost = ", ".join(f"{count} of {topic}" for topic, count in sorted(self.by_topic.items()))
+        return f"the machine was too busy to take every message; lost: {lost}"
+
+
 class LogTimes:
     """Gives messages their log times, which are when they were published, and holds them until those are known.
 
@@ -500,4 +534,6 @@ def record(path: Path, namespace: str, clock: str) -> BagCounts:
     run(make_node, [], loop=spin_and_close, shut_down=Recorder.shut_down)
     counts = nodes[0].counts()
     say(f"{counts.messages} messages of {len(counts.by_topic)} topics are in {path}")
+    if nodes[0].losses.by_topic:
+        say(str(nodes[0].losses))
     return counts

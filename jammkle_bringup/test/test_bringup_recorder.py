@@ -25,7 +25,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
-from jammkle_bringup.recorder import Recorder
+from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
@@ -274,6 +274,36 @@ def test_no_sample_is_lost(
     recording.end()
     stamps = [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"]
     assert stamps == list(range(count))
+
+
+def test_what_a_busy_machine_loses_is_counted(node: Node, record: Callable[..., Recording]) -> None:
+    """At the end: of best effort, more than the queue holds came while the recorder had no time."""
+    imu = node.create_publisher(Imu, "foreign/imu", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    recording = record("--clock", "system")
+    recording.subscribes(node, "/foreign/imu")
+    matched(imu)
+    published = 0
+
+    def publish(count: int) -> None:
+        nonlocal published
+        for _ in range(count):
+            published += 1
+            message = Imu()
+            message.header.stamp.sec = published
+            imu.publish(message)
+
+    publish(3)
+    recording.process.send_signal(signal.SIGSTOP)
+    publish(2 * QUEUE_DEPTH)
+    recording.process.send_signal(signal.SIGCONT)
+    for _ in range(50):
+        publish(1)
+        node.executor.spin_once(timeout_sec=0.02)
+    recording.end()
+    stamps = [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/foreign/imu"]
+    lost = stamps[-1] - stamps[0] + 1 - len(stamps)
+    assert lost > 0
+    assert any(f"lost: {lost} of /foreign/imu" in line for line in recording.said())
 
 
 def test_only_the_namespace_and_what_is_said_of_it_outside_is_recorded(
