@@ -356,6 +356,18 @@ def test_a_change_of_clocks_is_no_standstill() -> None:
     assert driver.own_pace.stalls == 1
 
 
+def test_to_be_unconfigured_is_no_standstill() -> None:
+    """Nobody ticks between cleanup and the next configure; nobody who listens is excused for that time."""
+    driver = Driver(CHANNELS, DriverParameters())
+    for steady_s in (8.0, 8.05):
+        driver.tick(Instant(steady_s, steady_s))
+    driver.reset()
+    for steady_s in (14.5, 14.55):
+        driver.tick(Instant(steady_s, steady_s))
+    assert driver.own_pace.stalls == 0
+    assert not driver.own_pace.overloaded
+
+
 def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:
     """Times are put in order, comments left out; what is wrong is named with what would be right."""
     script = read_script("5 heal\n1.5 leak achilles 2e-10 # a hole\n\n2 pump_dead; 3 sensor_stuck manifold")

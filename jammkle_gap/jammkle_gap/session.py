@@ -9,16 +9,19 @@ Biometrika 62:289); each step is chosen by `jammkle_gap.core.design`.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import typer
 
-from jammkle_common.bags.run_sheet import RunSheet
+from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command import EXERCISE, provided
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
 from jammkle_common.command.results import make_folder, say
+from jammkle_gap.ankle.bag import read_bag
 from jammkle_gap.ankle.problem import plans
+from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.diagnosing import DiagnoseRequest, diagnose
 from jammkle_sim.rigs.catalogue import EXERCISES
 
@@ -29,6 +32,8 @@ if TYPE_CHECKING:
     from jammkle_gap.core.result import Diagnosis
 
 _BRINGS_EXERCISES = "jammkle_bringup"
+_UNFINISHED = "unfinished"
+"""Folder in that of a session: holds bags of exercises that were stopped on the way."""
 
 
 class _Record(Protocol):
@@ -67,8 +72,8 @@ def session(request: SessionRequest) -> Diagnosis:
     record: _Record = provided(EXERCISE, "record", _BRINGS_EXERCISES)
     stop = StopRequest()
     make_folder(request.folder)
-    bags = _bags_in(request.folder)
-    there = {bag.name for bag in bags}
+    _set_unfinished_aside(request.folder)
+    there = {bag.name for bag in _bags_in(request.folder)}
     missing = {request.folder / name: RunSheet(name, {}) for name in EXERCISES if name not in there}
     if missing:
         say(f"first, the exercises {', '.join(each.rig for each in missing.values())}")
@@ -94,6 +99,29 @@ def session(request: SessionRequest) -> Diagnosis:
 def _bags_in(folder: Path) -> list[Path]:
     """Return the bags of a session, in the order of their names."""
     return sorted(each for each in folder.iterdir() if (each / "metadata.yaml").is_file())
+
+
+def _set_unfinished_aside(folder: Path) -> None:
+    """Move bags of exercises that were stopped on the way into a folder of their own: they are recorded anew.
+
+    An exercise writes its run sheet as it ends.
+    """
+    of_exercises = re.compile(rf"({'|'.join(EXERCISES)})(_\d+)?")
+    for bag in sorted(each for each in folder.iterdir() if each.is_dir() and of_exercises.fullmatch(each.name)):
+        if (bag / FILE_NAME).is_file() or _says_what_it_is(bag):
+            continue
+        make_folder(folder / _UNFINISHED)
+        aside = folder / _UNFINISHED / bag.name
+        aside = bag.rename(_free(aside.parent, bag.name) if aside.exists() else aside)
+        say(f"{bag} has no run sheet, as of an exercise that was stopped: it is {aside} now, and does not count")
+
+
+def _says_what_it_is(bag: Path) -> bool:
+    """Return whether a bag has its run sheet in it, as those of `jammkle rig` do."""
+    try:
+        return bool(read_bag(bag).sheet.rig)
+    except BadRecordingError:
+        return False
 
 
 def _free(folder: Path, name: str) -> Path:

@@ -25,6 +25,7 @@ from jammkle_gap import (
     evidence_of,
 )
 from jammkle_gap.core.explain import _Search
+from jammkle_gap.core.ledger import closed_by
 from jammkle_gap.core.predict import predicting
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
@@ -155,6 +156,13 @@ def test_shares_of_the_ledger_add_up_and_go_to_what_closes_the_gap() -> None:
     alone = {each.part: each.gap for each in found.ledger}
     assert alone["rubbing"] > 1.1 * alone["left"]
     assert found.gap.corrected == pytest.approx(1.0, abs=0.15)
+
+
+def test_constants_that_only_stand_for_an_effect_close_nothing() -> None:
+    """By themselves they leave more than nothing does; with the effect there they are not needed."""
+    constants, leak = frozenset({"constants"}), frozenset({"leak"})
+    closed = closed_by(("constants", "leak"), {frozenset(): 2.66, constants: 8.19, leak: 1.0, constants | leak: 1.0})
+    assert closed == pytest.approx({"constants": 0.0, "leak": 1.66})
 
 
 def test_the_answer_closes_the_gap_when_it_is_simulated() -> None:

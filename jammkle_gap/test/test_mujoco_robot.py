@@ -186,6 +186,8 @@ def test_map_that_says_what_cannot_be_is_refused(tmp_path: Path, recorded: robot
         ({"base": "hold"}, "base 'hold' must be one of held, free, measured"),
         ({"noise": {"pos": 0.1}}, "noise: 'pos' must be one of position, velocity, effort"),
         ({"noise": {"position": "small"}}, "noise: position is 'small'; it must be a number"),
+        ({"noise": {"position": -1.0}}, "noise: position -1 must be more than 0"),
+        ({"torque_constants": {"shoulder": 0}}, "torque_constants: that of shoulder must not be 0"),
         ({"joints": 5}, "joints is '5'; it must be a table, NAME: VALUE a line"),
         ({"joints": {"elbow": 3}}, "joint elbow is '3'; it must be a table"),
         ({"joints": {"elbow": {"sign": "left"}}}, "joint elbow: sign is 'left'; it must be a number"),

@@ -9,6 +9,7 @@ import pytest
 import typer
 
 from jammkle_bringup.core.node_table import option_value
+from jammkle_common.bags.run_sheet import FILE_NAME
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.parameters import from_mapping
 from jammkle_gap import session as room
@@ -57,6 +58,7 @@ class Bench:
             assert not bag.exists()
             bag.mkdir()
             (bag / "metadata.yaml").touch()
+            (bag / FILE_NAME).touch()
             self.recorded.append((bag.name, sheet.options))
 
     def is_simulated(self, _namespace: str, _stop: Callable[[], bool]) -> bool:
@@ -106,11 +108,35 @@ def test_it_goes_on_from_what_is_there(put: Callable[[Bench], Bench], tmp_path: 
     for name in (*EXERCISES, "a_landing"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "metadata.yaml").touch()
+        if name in EXERCISES:
+            (tmp_path / name / FILE_NAME).touch()
     (tmp_path / "notes").mkdir()
     bench = put(Bench([MadeUp()]))
     room.session(asked(tmp_path))
     assert not bench.recorded
     assert bench.diagnosed == [sorted((*EXERCISES, "a_landing"))]
+
+
+def test_an_exercise_that_was_stopped_is_recorded_anew(
+    put: Callable[[Bench], Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whether its recorder could complete the bag or not; what there is of it is kept, twice if need be."""
+    first, second, *others = EXERCISES
+    for name in (first, *others):
+        (tmp_path / name).mkdir()
+    for name in others:
+        (tmp_path / name / "metadata.yaml").touch()
+        (tmp_path / name / FILE_NAME).touch()
+    bench = put(Bench([MadeUp(), MadeUp()]))
+    room.session(asked(tmp_path))
+    assert [name for name, _ in bench.recorded] == [first, second]
+    assert bench.diagnosed == [sorted(EXERCISES)]
+    assert (tmp_path / "unfinished" / first).is_dir()
+    assert f"{first} has no run sheet" in capsys.readouterr().err
+    (tmp_path / first / FILE_NAME).unlink()
+    room.session(asked(tmp_path))
+    assert (tmp_path / "unfinished" / f"{first}_2").is_dir()
+    assert bench.diagnosed[-1] == sorted(EXERCISES)
 
 
 def test_it_ends_after_as_many_further_runs_as_are_allowed(put: Callable[[Bench], Bench], tmp_path: Path) -> None:

@@ -130,6 +130,8 @@ class Driver:
         self._sensors.forget()
         self.link_watch.clear()
         self.deactivate()
+        # The ticks end with this configuration: until the next one nobody stands still.
+        self.own_pace, self._ticked_s = OverloadWatch(TICK_PERIOD_S), None
 
     def jam(self, channels: Sequence[str], vacuum_pa: float, asked_by: str) -> str:
         """Jam channels (none named: all) with `vacuum_pa` Pa, 0 for the default.

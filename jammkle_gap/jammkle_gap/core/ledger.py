@@ -82,7 +82,8 @@ def ledger_of(
     gaps[frozenset()] = _gap(difference.by_scatter(machine.raw), difference.healthy)
     whole, least = gaps[frozenset()], gaps[frozenset(parts)]
     above = whole - 1.0 if whole - 1.0 > _SMALLEST else np.nan
-    found = [LedgerEntry(part, _shapley(part, parts, gaps) / above, gaps[frozenset({part})]) for part in parts]
+    closed = closed_by(parts, gaps)
+    found = [LedgerEntry(part, closed[part] / above, gaps[frozenset({part})]) for part in parts]
     return (*found, LedgerEntry(LEFT, max(least - 1.0, 0.0) / above, least))
 
 
@@ -112,6 +113,22 @@ def _fit_part(
 
 def _gap(left: NDArray[np.float64], healthy: float) -> float:
     return max(float(np.sqrt(np.square(left).mean() / healthy)), 1.0)
+
+
+def closed_by(parts: Sequence[str], gaps: Mapping[frozenset[str], float]) -> dict[str, float]:
+    """Return what each part closes of a gap, by Shapley's value; together they close what all of them do.
+
+    Fewer parts than all may leave more than none does, such as constants that stand for an effect which is not there.
+    They close nothing then, as nobody would take them by themselves.
+
+    Args:
+        parts: Constants and effects.
+        gaps: What is left with every choice of them, with none as well.
+
+    """
+    most = gaps[frozenset()]
+    left = {each: gap if len(each) == len(parts) else min(gap, most) for each, gap in gaps.items()}
+    return {part: _shapley(part, parts, left) for part in parts}
 
 
 def _shapley(part: str, parts: Sequence[str], gaps: Mapping[frozenset[str], float]) -> float:

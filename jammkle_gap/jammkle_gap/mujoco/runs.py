@@ -235,6 +235,16 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         if not 0.0 < value < 1.0:
             msg = f"{where}, tolerances: {name} {value:g} must be a share of what the model says, above 0 and below 1"
             raise BadRobotError(msg)
+    noise = _numbers(table, "noise", where)
+    for name, value in noise.items():
+        if not value > 0.0:
+            msg = f"{where}, noise: {name} {value:g} must be more than 0: the standard deviation of one reading"
+            raise BadRobotError(msg)
+    torque_constants = _numbers(table, "torque_constants", where)
+    for name, value in torque_constants.items():
+        if value == 0.0:
+            msg = f"{where}, torque_constants: that of {name} must not be 0 (N m/A; below 0 where signs differ)"
+            raise BadRobotError(msg)
     senses = table.get("sensors") != _NO_SENSORS
     sensors = _part(table, "sensors", where) if senses else {}
     return RobotMap(
@@ -250,11 +260,9 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         gains={
             name: _gains_of(each, f"{where}, gains of {name}") for name, each in _part(table, "gains", where).items()
         },
-        torque_constants=_numbers(table, "torque_constants", where),
+        torque_constants=torque_constants,
         base=_choice(Base, table.get("base", "held"), f"{where}: base"),
-        noise={
-            _choice(Quantity, name, f"{where}, noise:"): each for name, each in _numbers(table, "noise", where).items()
-        },
+        noise={_choice(Quantity, name, f"{where}, noise:"): each for name, each in noise.items()},
         tolerances=tolerances,
         sensors={name: _sensor_of(each, f"{where}, sensor {name}") for name, each in sensors.items()},
         senses=senses,

@@ -341,7 +341,9 @@ def effects_title(diagnosis: Diagnosis) -> str:
 
 def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     """Return what can be done with the file of the corrected simulator."""
-    use = "load it in place of the model" if file.endswith(".xml") else f"jammkle rig ... --effects {file} runs with it"
+    if file.endswith(".xml"):
+        return f"{file} holds what the notes say; load it in place of the model."
+    use = f"jammkle rig ... --effects {file} runs with it"
     if diagnosis.ledger and not (diagnosis.effects and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}):
         return f"{file} holds the constants of the machine, and no effect; {use}."
     if diagnosis.verdict is Verdict.NO_GAP:
