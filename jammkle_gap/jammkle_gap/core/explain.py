@@ -319,32 +319,27 @@ class _Search:
         Those are among them that explain most of a signal on the whole: block by block, a large gap counts as the error
         of the simulator, and what explains nearly all of it gains less than what moves blocks that agree already.
         """
-        refined, most = self._constants.refined, self._constants.paired
+        constants = self._constants
+        starts: list[_Start] = []
+        for base in bases:
+            starts += self._begun_beside(base, base.singles[: constants.refined], nothing, slopes)
         if len(bases) == 1:
             evenly = self.base(self._error.evenly_with(self.blank))
         else:
             there = self._about(self._error.evenly_with(nothing), nothing, slopes, np.zeros(len(nothing.scores), bool))
             evenly = self.base(there, nothing)
         same = bases[min(1, len(bases) - 1)]
-        known = {place.names for place in same.singles[:refined]}
-        others = [place for place in evenly.singles[:most] if place.names not in known]
-        if self._dear:
-            # All begin at the same constants, so that none need be fitted twice.
-            places = {place.names: place for base in bases for place in base.singles[:refined]}
-            places.update({place.names: place for place in (*same.singles[:refined], *others)})
-            return self.responding(list(places.values()), nothing)
-        starts: list[_Start] = []
-        for base in bases:
-            starts += self._begun_beside(base, base.singles[:refined], nothing, slopes)
+        known = {place.names for place in same.singles[: constants.refined]}
+        others = [place for place in evenly.singles[: constants.paired] if place.names not in known]
         return [*starts, *self._begun_beside(evenly, others, nothing, slopes)]
 
     def _begun_beside(
         self, base: _Base, places: Sequence[Place], nothing: Fit, slopes: Sequence[NDArray[np.float64]]
     ) -> list[_Start]:
-        if self._dear:
-            return self.responding(places, nothing)
+        if base.fit is not None:
+            return self.begun_at(places, base.fit, nothing, slopes)
         # Where runs are cheap a fit is made in one go, and finds more from the nominal machine, weighed evenly first.
-        return self.begun_at(places, *((self.blank,) if base.fit is None else (base.fit, nothing, slopes)))
+        return self.responding(places, nothing) if self._dear else self.begun_at(places, self.blank)
 
     def begun_at(
         self,
