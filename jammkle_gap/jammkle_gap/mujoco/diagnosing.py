@@ -195,7 +195,7 @@ def _check_efforts(simulator: RobotSimulator, recordings: Sequence[Recording]) -
     msg += f", write 'torque_constants: {{{constants}}}' into a map (N m/A)"
     msg += f", with those of {', '.join(unclear)}, which this motion does not show" if unclear else ""
     if all(1.0 / _OTHER_UNIT < share < _OTHER_UNIT for share in found.values()):
-        return [msg]
+        return [f"{msg}; a load, or another gain, does the same, and is diagnosed"]
     raise BadRobotError(msg)
 
 
