@@ -143,6 +143,7 @@ ENTRIES: dict[str, dict[str, float]] = {
     "slack": {"backlash_elbow.width": 0.04},
     "compliance": {"compliance_elbow.compliance": 0.3},
     "offset": {"encoder_offset_elbow.offset": 0.08},
+    "reading_offset": {"reading_offset_elbow.offset": 0.08},
     "scale": {"encoder_scale_elbow.scale": 1.04},
     "effort_scale": {"torque_constant_elbow.scale": 0.8},
     "stribeck": {"stribeck_elbow.torque": 0.6, "stribeck_elbow.speed": 0.2},

@@ -62,6 +62,8 @@ class Nonidealities:
     """Reading of an encoder where the joint is at 0, rad or m."""
     scale: dict[str, float] = field(default_factory=dict)
     """Reading of an encoder per motion of the joint."""
+    reading_offset: dict[str, float] = field(default_factory=dict)
+    """Of the positions that are recorded, beside what the drive itself regulates, rad or m."""
     fed_share: dict[str, float] = field(default_factory=dict)
     """Of a commanded effort that arrives at the joint, as torque constant and transmission have it."""
     effort_scale: dict[str, float] = field(default_factory=dict)
@@ -78,7 +80,7 @@ class Nonidealities:
     """By site, vector by which the sensor there is turned in its place, rad."""
 
     def read_position(self, joint: str, position: Any, effort: Any) -> Any:
-        """Return what an encoder reads, rad or m.
+        """Return what is read of a joint, rad or m.
 
         Args:
             joint: Whose encoder it is.
@@ -88,7 +90,8 @@ class Nonidealities:
         """
         if joint in self.compliance:
             position = position + self.compliance[joint] * effort
-        return self.scale.get(joint, 1.0) * position + self.offset.get(joint, 0.0)
+        zero = self.offset.get(joint, 0.0) + self.reading_offset.get(joint, 0.0)
+        return self.scale.get(joint, 1.0) * position + zero
 
     def read_sensor(self, site: str, sense: Sense, own: Array) -> Array:
         """Return what a sensor at a site reads, from what it would without errors; shapes (..., 3)."""

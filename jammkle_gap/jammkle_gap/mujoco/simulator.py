@@ -273,8 +273,8 @@ class _Windows:
         read_s = self._begins_s / (1.0 + machine.clock_rate)
         for column, name in enumerate(machine.robot.joints):
             at, dof = _places(model, name)
-            scale, offset = machine.scale.get(name, 1.0), machine.offset.get(name, 0.0)
-            positions[:, at] = (np.interp(read_s, grid_s, motion.position[:, column]) - offset) / scale
+            scale, zero = machine.scale.get(name, 1.0), machine.read_position(name, 0.0, 0.0)
+            positions[:, at] = (np.interp(read_s, grid_s, motion.position[:, column]) - zero) / scale
             velocities[:, dof] = np.interp(read_s, grid_s, motion.velocity[:, column]) / scale
         if motion.prescribed is not None:
             for column, name in enumerate(machine.robot.prescribed):
@@ -452,7 +452,7 @@ def _backward(machine: Machine, motion: Motion, recording: Recording) -> dict[st
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)  # what they hand on is added below
     grid = motion.step_s * np.arange(len(motion.position))
     scales = np.array([machine.scale.get(name, 1.0) for name in robot.joints])
-    offsets = np.array([machine.offset.get(name, 0.0) for name in robot.joints])
+    offsets = np.array([machine.read_position(name, 0.0, 0.0) for name in robot.joints])
     tables = [motion.position - offsets, motion.velocity, motion.acceleration]
     if machine.delay_s > 0.0:
         read_s = np.minimum(grid + machine.delay_s, grid[-1])
