@@ -82,8 +82,8 @@ def played(xml: str, samples: Mapping[str, np.ndarray], machine: Machine) -> tup
     """Play what was asked for with the corrected model, as a user would; return stamps and readings by signal."""
     model = mujoco.MjModel.from_xml_string(xml)
     data, modifier = mujoco.MjData(model), Modifier(model)
-    for joint in robot_arm.JOINTS:  # where the simulator starts: encoders read 0
-        data.joint(joint).qpos[0] = -machine.offset.get(joint, 0.0) / machine.scale.get(joint, 1.0)
+    for joint in robot_arm.JOINTS:  # where the simulator starts: positions are read as 0
+        data.joint(joint).qpos[0] = -machine.read_position(joint, 0.0, 0.0) / machine.scale.get(joint, 1.0)
     asked = {key[len("command.") :]: values for key, values in samples.items() if key.startswith("command.")}
     stamps, rows = [], []
     for k in range(round((LENGTH_S + LEAD_S) / STEP_S)):
