@@ -381,7 +381,7 @@ class Received:
 
 
 class Losses:
-    """Messages that did not come in, since the machine was too busy to take them before the queue was full.
+    """Messages that did not come in, as where the machine is too busy to take them before the queue is full.
 
     They are gaps in the numbers that a publisher gives its messages. Which of several publishers a message comes from
     is not known, so that only topics with one are counted.
@@ -402,7 +402,7 @@ class Losses:
     def __str__(self) -> str:
         """Return what was lost of which topics, and why."""
         lost = ", ".join(f"{count} of {topic}" for topic, count in sorted(self.by_topic.items()))
-        return f"the machine was too busy to take every message; lost: {lost}"
+        return f"machine or network were too busy to take every message; lost: {lost}; give the recorder more of both"
 
 
 class LogTimes:

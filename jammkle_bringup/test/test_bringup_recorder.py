@@ -277,7 +277,13 @@ def test_no_sample_is_lost(
 
 
 def test_what_a_busy_machine_loses_is_counted(node: Node, record: Callable[..., Recording]) -> None:
-    """At the end: of best effort, more than the queue holds came while the recorder had no time."""
+    """On /diagnostics and at the end: of best effort, more than the queue holds came while the recorder had no time."""
+    said: list[str] = []
+
+    def take(array: DiagnosticArray) -> None:
+        said.extend(status.message for status in array.status if status.level == DiagnosticStatus.WARN)
+
+    node.create_subscription(DiagnosticArray, names.DIAGNOSTICS.name, take, subscriber_qos(names.DIAGNOSTICS))
     imu = node.create_publisher(Imu, "foreign/imu", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
     recording = record("--clock", "system")
     recording.subscribes(node, "/foreign/imu")
@@ -296,9 +302,13 @@ def test_what_a_busy_machine_loses_is_counted(node: Node, record: Callable[..., 
     recording.process.send_signal(signal.SIGSTOP)
     publish(2 * QUEUE_DEPTH)
     recording.process.send_signal(signal.SIGCONT)
-    for _ in range(50):
+
+    def reported() -> bool:
         publish(1)
         node.executor.spin_once(timeout_sec=0.02)
+        return any("of /foreign/imu" in text for text in said)
+
+    wait_until(reported, "the recorder warns of what was lost")
     recording.end()
     stamps = [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/foreign/imu"]
     lost = stamps[-1] - stamps[0] + 1 - len(stamps)

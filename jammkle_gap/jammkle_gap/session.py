@@ -113,7 +113,10 @@ def _set_unfinished_aside(folder: Path) -> None:
         make_folder(folder / _UNFINISHED)
         aside = folder / _UNFINISHED / bag.name
         aside = bag.rename(_free(aside.parent, bag.name) if aside.exists() else aside)
-        say(f"{bag} has no run sheet, as of an exercise that was stopped: it is {aside} now, and does not count")
+        say(
+            f"{bag} has no run sheet, as its exercise was stopped: it was moved to {aside}, and is left out; "
+            f"if it is whole, write {FILE_NAME} into it (`jammkle info` prints a template), and move it back"
+        )
 
 
 def _says_what_it_is(bag: Path) -> bool:

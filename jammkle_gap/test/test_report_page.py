@@ -331,6 +331,14 @@ def test_only_what_is_known_is_loaded(verdict: Verdict) -> None:
     assert "#   lever.length_m: 36.6 mm, nominal 40.0 mm (-1.7 standard deviations)" in text
 
 
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_only_the_notes_say_what_a_corrected_model_holds(verdict: Verdict) -> None:
+    """It may hold a lead beside none of them, which the verdict does not say."""
+    note = words.corrected_note(made_up(verdict), "out/corrected.xml")
+    assert "what the notes say" in note
+    assert "effect" not in note
+
+
 def test_pages_stay_small_however_much_was_recorded() -> None:
     """Twenty settings of forty signals at length stay below 5 MB, and the page says what was not drawn."""
     text = page(made_up(Verdict.EFFECTS, signals=40, samples=20_000, settings=20), ASKED)

@@ -256,7 +256,7 @@ FAMILIES = (
            (EffectParameter("offset", "angle", 0.0, -0.1, 0.1, "homing within 6 degrees"),),
            partial(changes.put, "offset"), "zeros of {where} lie elsewhere", "home anew, and compare with a gauge"),
     Family("reading_offset", "sensing",
-           (EffectParameter("offset", "angle", 0.0, -0.1, 0.1, "as homing"),),
+           (EffectParameter("offset", "angle", 0.0, -0.1, 0.1, "as homing: within 6 degrees"),),
            partial(changes.put, "reading_offset"),
            "positions of {where} are read from another zero than that of their commands",
            "compare the zero of the joint states with that of the drive", "position"),
