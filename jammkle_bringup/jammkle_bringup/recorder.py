@@ -54,7 +54,9 @@ _UNDECIDED_NS = NANOSECONDS_PER_SECOND
 _SWITCH_WITHIN_S = 10.0
 """Time, s, for which a /clock that appears after the system's time was chosen still puts all messages onto its own."""
 _SPIN_TIMEOUT_S = 0.1
-_DRAIN_S = 1.0  # a graph that goes on publishes without end
+_LONGEST_DRAIN_S = 10.0
+"""Time, s, after which what is on its way is given up: a publisher whose clock is behind publishes before the end for
+as long as it is behind."""
 
 
 class Recorder(Node):
@@ -75,8 +77,8 @@ class Recorder(Node):
         self._begun_ns = time.time_ns()
         self._may_switch = source is TimeSource.UNDECIDED
         self._kept: list[Received] = []
-        self.received = 0
-        """Messages so far."""
+        self._end_ns: int | None = None
+        self._received = 0  # published before the end
         super().__init__(RECORDER_NODE, namespace=namespace, start_parameter_services=False)
         self._namespace = namespace
         self._sim_parameters = resolved(namespace, SIM_PARAMETERS.name)
@@ -112,6 +114,24 @@ class Recorder(Node):
             self._failed = True
             self._log.fail(FileNotFoundError(errno.ENOENT, "its folder is gone", str(self.path)))
         return not self._failed
+
+    def drain(self, executor: Executor) -> None:
+        """Take what was published until now and is still on its way, while the graph may go on."""
+        self._end_ns = time.time_ns()
+        for timer in self.timers:
+            timer.cancel()
+        end_s = time.monotonic() + _LONGEST_DRAIN_S
+        others = 0
+        # a round of the executor has one message of each topic that has any
+        while self.can_go_on() and others <= len(self._recorded) and time.monotonic() < end_s:
+            before, begun_s = self._received, time.monotonic()
+            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+            if self._received > before:
+                others = 0
+            elif time.monotonic() - begun_s < _SPIN_TIMEOUT_S:
+                others += 1
+            else:
+                break
 
     def close(self) -> BagCounts:
         """Complete the bag.
@@ -209,11 +229,15 @@ class Recorder(Node):
         # of health, since that comes from nodes that live in neither time
         stamp_ns = _stamp_ns(data) if is_stamped and name != DIAGNOSTICS.name else 0
         message = Received(name, data, source_ns, stamp_ns, is_from_before)
-        self.received += 1
+        self._count(info)
         self.losses.take(name, info.number, of_one_publisher=name in self._of_one_publisher)
         with self._keeping_failure():
             self._keep(message)
             self._log_one(message)
+
+    def _count(self, info: MessageInfo) -> None:
+        if self._end_ns is None or info.sent_ns <= self._end_ns:
+            self._received += 1
 
     def _log_one(self, message: Received) -> None:
         self._times.take(message)
@@ -265,7 +289,7 @@ class Recorder(Node):
 
     def _take_clock(self, name: str, _is_stamped: bool, data: bytes, info: MessageInfo) -> None:  # noqa: FBT001
         tick_ns = self._tick_ns = _stamp_ns(data)
-        self.received += 1
+        self._count(info)
         with self._keeping_failure():
             if self._may_switch:
                 if self._times.source is TimeSource.SYSTEM:
@@ -290,12 +314,7 @@ def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
     """
     while not stop and node.can_go_on():
         executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-    end_s = time.monotonic() + _DRAIN_S
-    before = -1
-    while node.can_go_on() and node.received > before and time.monotonic() < end_s:
-        before = node.received
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-        executor.spin_once(timeout_sec=0)
+    node.drain(executor)
     node.close()
 
 

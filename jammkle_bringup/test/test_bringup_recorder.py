@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +26,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
-from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder
+from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder, TimeSource, spin_and_close
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
 from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.runner import StopFlag
 from jammkle_common.testing import wait_until
 from jammkle_msgs.msg import ChannelJamState, JamState
 
@@ -274,6 +276,49 @@ def test_no_sample_is_lost(
     recording.end()
     stamps = [message.header.stamp.sec for topic, _, message in recording.messages() if topic == "/imu/data"]
     assert stamps == list(range(count))
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_what_waits_at_the_end_is_recorded(node: Node, ros_domain: int, tmp_path: Path, *, goes_on: bool) -> None:
+    """Also where all timers are due, as after a pause of the process, and while others publish on."""
+    imu = node.create_publisher(Imu, "imu/data", publisher_qos(names.IMU))
+    other = node.create_publisher(String, "other", QoSProfile(depth=1))
+    rclpy.init(domain_id=ros_domain, signal_handler_options=SignalHandlerOptions.NO)
+    recorder = Recorder(tmp_path / "bag", "/", TimeSource.SYSTEM)
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+
+    def subscribes() -> bool:
+        executor.spin_once(timeout_sec=0.01)
+        return bool(recorder.get_subscriptions_info_by_topic("/other"))
+
+    wait_until(subscribes, "it subscribes to what it discovers")
+    matched(imu)
+    matched(other)
+    for number in range(100):
+        message = Imu()
+        message.header.stamp.sec = number
+        imu.publish(message)
+    reached(imu)
+    wait_until(lambda: all(timer.is_ready() for timer in recorder.timers), "all timers are due")
+    stop = StopFlag()
+    stop.stop()
+    ended = threading.Event()
+
+    def publish_on() -> None:
+        while goes_on and not ended.is_set():
+            other.publish(String(data="on and on"))
+
+    thread = threading.Thread(target=publish_on)
+    thread.start()
+    spin_and_close(recorder, executor, stop)
+    ended.set()
+    thread.join()
+    executor.shutdown()
+    recorder.destroy_node()
+    rclpy.shutdown()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert sum(connection.topic == "/imu/data" for connection, _, _ in reader.messages()) == 100
 
 
 def test_what_a_busy_machine_loses_is_counted(node: Node, record: Callable[..., Recording]) -> None:
