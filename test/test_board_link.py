@@ -432,6 +432,7 @@ sensors: {peroneal_left: {register: 0}, peroneal_right: {register: 1}, achilles:
         ("pump: {register: 1}", "pump: {register: 1}\nparity: X", "N, E, O"),
         ("pump: {register: 1}", "pump: {register: 9}\nfirmware: jammkle", "register 1"),
         ("pump: {register: 1}", "pump: {register: 1", "not YAML"),
+        ("pump: {register: 1}", "pump: {register: 1, register: 9}", "'register' stands in line"),
         ("pump: {register: 1}", "pump: {register: 1, at_zero: 5, at_full: 5}", "never change"),
         ("pump: {register: 1}", "pump: {register: 1}\non_connect: {1: 900}", "which is the pump's"),
         ("pump: {register: 1}", "pump: {register: 1, at_zero: 1000, at_full: 0}\nfirmware: jammkle", "would run it"),

@@ -170,6 +170,7 @@ def test_the_sim_node_refuses_what_it_cannot_show(tmp_path: Path) -> None:
         ("payload: 3", "must have values of: mass_kg"),
         ("payload", "must hold EFFECT"),
         ("a: b: c", "not YAML"),
+        ("payload: {mass_kg: 0.1}\npayload: {mass_kg: 0.2}", "'payload' stands in line 1 and again in line 2"),
         ("library: nowhere.yaml", "nowhere.yaml"),
     ],
 )

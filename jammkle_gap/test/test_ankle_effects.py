@@ -312,6 +312,7 @@ def test_a_user_adds_an_effect_without_editing_the_package(tmp_path: Path) -> No
         (ENTRY.replace("mine.py:add", "broken.py:add"), "ZeroDivisionError"),
         ("[1, 2]", "no effects"),
         ("a: b: c", "not YAML"),
+        (f"{ENTRY}\n{ENTRY}", "stands in line 2 and again in line"),
     ],
 )
 def test_a_bad_entry_is_refused_in_one_line(tmp_path: Path, entry: str, said: str) -> None:

@@ -22,6 +22,7 @@ from jammkle_gap.mujoco.runs import (
     Quantity,
     Sense,
     Track,
+    read_map,
     run_of_arrays,
     run_of_csv,
 )
@@ -475,6 +476,9 @@ def test_bag_without_joint_states_is_refused(tmp_path: Path, recorded: robot_arm
     bag = robot_arm.write_bag(tmp_path / "bag", recorded, "array")
     with pytest.raises(BadRobotError, match="it may have: topic, order, quantity"):
         matched(robot_arm.write_model(tmp_path), [bag], {"commands": {"topics": "/arm"}})
+    (tmp_path / "map.yaml").write_text("model: arm.xml\nnoise: {q: 1e-3}\nnoise: {q: 2e-3}\n")
+    with pytest.raises(BadRobotError, match="'noise' stands in line 2 and again in line 3"):
+        read_map(tmp_path / "map.yaml")
     with pytest.raises(BadRecordingError, match=r"holds no commands on /leg, but on: /arm/commands"):
         matched(robot_arm.write_model(tmp_path), [bag], {"commands": {"topic": "leg"}})
     assert run_of_bag(bag, matched(robot_arm.write_model(tmp_path), [bag])[1].given, robot_arm.JOINTS).notes

@@ -14,8 +14,6 @@ import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
-import yaml
-
 from jammkle_common.command import HARDWARE, entries
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import (
@@ -31,6 +29,7 @@ from jammkle_common.names import (
     resolved,
 )
 from jammkle_common.parameters import ParameterError, from_mapping, of_table
+from jammkle_common.yaml_text import YamlError, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -229,15 +228,6 @@ _MISTYPED = 0.8
 """Likeness (difflib) from which on a name is a mistyped one. Chosen: two or three letters of it may be wrong."""
 
 
-class _RosLoader(yaml.SafeLoader):
-    """Reads numbers as ROS does: YAML 1.2 needs no point in `2e-4`, which PyYAML, at 1.1, takes for text."""
-
-
-_RosLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\.\d+|\d+(?:\.\d*)?)[eE][-+]?\d+"), list("-+.0123456789")
-)
-
-
 def check_parameter_files(
     paths: Sequence[Path],
     namespace: str,
@@ -299,8 +289,8 @@ def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
         msg = f"-p {typed}: give NAME:=VALUE, for example vacuum_pa:=35000"
         raise InputError(msg)
     try:
-        value = yaml.load(value_text, _RosLoader)  # noqa: S506 - a safe loader's subclass
-    except yaml.YAMLError:
+        value = read_yaml(value_text, typed)
+    except YamlError:
         value = None
     if not isinstance(value, (bool, int, float, str)):
         msg = f"-p {typed}: the value must be a number, true, false or text (text with a colon in quotes)"
@@ -331,13 +321,15 @@ def merged_values(
 
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
     try:
-        document = yaml.load(path.read_text(encoding="utf-8"), _RosLoader)  # noqa: S506 - a safe loader's subclass
+        document = read_yaml(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
         msg = f"{path}: cannot be read: {error.strerror}"
         raise InputError(msg) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"{path}: is not YAML: {' '.join(str(error).split())}"
+    except UnicodeDecodeError as error:
+        msg = f"{path} is not YAML: {error}"
         raise InputError(msg) from error
+    except YamlError as error:
+        raise InputError(str(error)) from error
     if not isinstance(document, dict):
         msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
         raise InputError(msg)

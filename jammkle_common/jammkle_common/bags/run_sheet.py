@@ -11,15 +11,13 @@ is a short file, `run.yaml`, in the folder of the bag, or beside it for all bags
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
-
-import yaml
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import SIM_PARAMETERS
 from jammkle_common.parameters import is_number, shortened
+from jammkle_common.yaml_text import YamlError, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,8 +39,6 @@ _PARTS = (
 )
 RECORDED = frozenset(("timestep_s", "ankles", "effects", *_PARTS))
 """What a bag of this project holds beside them: constants of the machine, which follow from the options."""
-_MOST_DIGITS = 1000
-_TIMESTAMP = "tag:yaml.org,2002:timestamp"
 TEMPLATE = f"""\
 # {FILE_NAME}: what was done to the machine. Put it into the folder of the bag, or beside it for all bags of the folder.
 rig: drop             # tensile, pressure, drop, slip, landing
@@ -99,48 +95,11 @@ def read_options(text: str, source: str) -> RunSheet | dict[str, Any]:
     return {str(name): _word(value) for name, value in content.items()}
 
 
-class _UnfitError(Exception):
-    """YAML whose values cannot be taken; the message follows the source."""
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML whose names stand once each, with 5e4 a number and dates as they are written."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:  # noqa: FBT001, FBT002 - PyYAML's
-        lines: dict[str, int] = {}
-        for key, value in node.value:
-            if key.tag == "tag:yaml.org,2002:merge":
-                continue
-            name = str(self.construct_object(key, deep=True))
-            line = key.start_mark.line + 1
-            if name in lines:
-                msg = f"{shortened(name)} stands in line {lines[name]} and again in line {line}; leave one of them"
-                raise _UnfitError(msg)
-            lines[name] = line
-            if isinstance(value, yaml.ScalarNode) and value.tag.endswith(":int") and len(value.value) > _MOST_DIGITS:
-                msg = f"{name} is {shortened(value.value)}; a number must have at most {_MOST_DIGITS} digits"
-                raise _UnfitError(msg)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in known if tag != _TIMESTAMP]
-    for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
-
 def _content(text: str, source: str) -> Any:
     try:
-        return yaml.load(text, _Loader)  # noqa: S506 - a safe loader
-    except _UnfitError as error:
-        msg = f"{source}: {error}"
-        raise InputError(msg) from error
-    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        msg = f"{source} is not YAML: {' '.join(str(error).split())}"
-        raise InputError(msg) from error
+        return read_yaml(text, source)
+    except YamlError as error:
+        raise InputError(str(error)) from error
 
 
 _WRITE = "write NAME: VALUE, one a line"

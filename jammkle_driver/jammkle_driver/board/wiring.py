@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from jammkle_common.names import CHANNELS
+from jammkle_common.yaml_text import YamlError, read_yaml
 from jammkle_driver.core.hardware import MANIFOLD
 
 if TYPE_CHECKING:
@@ -238,16 +239,15 @@ def load_wiring(path: Path | None) -> Wiring:
     """
     path = path or standard_board_file()
     try:
-        return _wiring(yaml.safe_load(path.read_text(encoding="utf-8")))
+        return _wiring(read_yaml(path.read_text(encoding="utf-8"), f"board file {path}"))
     except OSError as error:
         msg = f"board file {path}: {error.strerror}"
         raise WiringError(msg) from error
     except UnicodeDecodeError as error:
         msg = f"board file {path}: not UTF-8"
         raise WiringError(msg) from error
-    except yaml.YAMLError as error:
-        msg = f"board file {path} is not YAML: {' '.join(str(error).split())}"
-        raise WiringError(msg) from error
+    except YamlError as error:
+        raise WiringError(str(error)) from error
     except WiringError as error:
         msg = f"board file {path}: {error}"
         raise WiringError(msg) from error

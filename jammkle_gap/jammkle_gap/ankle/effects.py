@@ -34,6 +34,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
+from jammkle_common import yaml_text
+from jammkle_common.yaml_text import YamlError
 from jammkle_gap.ankle.inputs import AnkleInputs
 from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library
 from jammkle_sim.rigs.rig import Rig
@@ -115,9 +117,11 @@ def read_yaml(file: Path, what: str) -> Any:
 
     """
     try:
-        return yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        msg = f"{what} {file} is not YAML: {' '.join(str(error).split())}"
+        return yaml_text.read_yaml(file.read_text(encoding="utf-8"), f"{what} {file}")
+    except YamlError as error:
+        raise BadEffectError(str(error)) from error
+    except UnicodeDecodeError as error:
+        msg = f"{what} {file} is not YAML: {error}"
         raise BadEffectError(msg) from error
     except (OSError, ValueError) as error:  # no path holds a zero
         msg = f"{what} {file} cannot be read: {getattr(error, 'strerror', '') or error}"

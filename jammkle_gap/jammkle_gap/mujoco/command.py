@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import typer
-import yaml
 
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
+from jammkle_common.yaml_text import YamlError, read_yaml
 from jammkle_gap.backend import backend
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError
@@ -146,9 +146,11 @@ def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
     if file.suffix not in {".yaml", ".yml"}:
         return file, None
     try:
-        table = yaml.safe_load(file.read_text(encoding="utf-8"))
-        model = file.parent / str(table.pop(_MODEL))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+        table = read_yaml(file.read_text(encoding="utf-8"), f"--model {file}")
+        model = file.parent / str(table[_MODEL])
+    except YamlError as error:
+        raise InputError(str(error)) from error
+    except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
         msg = (
             f"--model {file} cannot be used as a map: {' '.join(str(error).split())}; write 'model: robot.xml' into it"
         )

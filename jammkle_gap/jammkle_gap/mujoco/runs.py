@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import yaml
 
+from jammkle_common.yaml_text import YamlError, read_yaml
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
@@ -197,7 +197,19 @@ class RobotMap:
     """Whether sensors at sites are compared at all."""
 
 
-_KEYS = ("joints", "units", "states", "commands", "gains", "torque_constants", "base", "noise", "tolerances", "sensors")
+_KEYS = (
+    "model",  # for the command; a caller gives the model itself
+    "joints",
+    "units",
+    "states",
+    "commands",
+    "gains",
+    "torque_constants",
+    "base",
+    "noise",
+    "tolerances",
+    "sensors",
+)
 TOLERATED = ("mass", "length", "gain", "friction", "damping", "armature")
 _LOCKED, _MEASURED, _NO_SENSORS = "locked", "measured", "none"
 
@@ -211,9 +223,12 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
     """
     where = f"map {source}" if isinstance(source, Path) else "the map"
     try:
-        table = yaml.safe_load(source.read_text(encoding="utf-8")) if isinstance(source, Path) else source
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        msg = f"{where} cannot be read: {' '.join(str(error).split())}; see docs/any_robot.md for its keys"
+        table = read_yaml(source.read_text(encoding="utf-8"), where) if isinstance(source, Path) else source
+    except YamlError as error:
+        msg = f"{error}; see docs/any_robot.md for its keys"
+        raise BadRobotError(msg) from error
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"{where} cannot be read: {error}; see docs/any_robot.md for its keys"
         raise BadRobotError(msg) from error
     return _map_of(_table(table or {}, where), where)
 
