@@ -21,7 +21,7 @@ from jammkle_gap import (
     Verdict,
     diagnose,
 )
-from jammkle_gap.core.calibrate import calibrate
+from jammkle_gap.core.calibrate import Calibration, calibrate
 from jammkle_gap.core.scatter import Scatter, settings_of
 from jammkle_gap.core.simulate import Runner
 from pendulums import LIBRARY, PROBLEM, infeasible, machine
@@ -62,21 +62,37 @@ def run(name: str, stiffness: float) -> Recording:
     return Recording(name, (Signal("way", "m", TIMES_S, values, noise=NOISE),), setting="alone")
 
 
-def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -> None:
-    """The spring is within a hundredth; the lamp is asked for never, the nominal slopes having said that it is idle."""
-    simulator = Counted()
-    given = problem(simulator)
+def calibrated(given: Problem) -> Calibration:
+    """Return the calibration to two references of a spring of 1.25, with nominal slopes that know the lamp is idle."""
     settings = settings_of([run("one", 1.25)], [run("two", 1.25), run("three", 1.25)], given)
     layout = settings[0].layout
     scatter = Scatter(np.square(layout.floor), np.zeros((layout.size, 0)), np.zeros(0))
     bend = -2.0 * 0.1 * np.sin(layout.time_s)
     slopes = np.stack([bend, np.zeros(layout.size)], axis=1)
-    found = calibrate(settings, [scatter], [slopes], given, Runner(given, 1), Constants())
+    return calibrate(settings, [scatter], [slopes], given, Runner(given, 1), Constants())
+
+
+def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -> None:
+    """The spring is within a hundredth; the lamp is asked for never, the nominal slopes having said that it is idle."""
+    simulator = Counted()
+    found = calibrated(problem(simulator))
     assert found.values["spring.stiffness"] == pytest.approx(1.25, abs=0.01)
     assert found.after < found.before / 100.0
     assert all("lamp.power" not in each for each in simulator.asked)
-    # Nominal, a step, and then slope and step; halvings aside.
-    assert len(simulator.asked) <= 2 + 2 * 3 + 3
+    # Nominal, a step, and then two runs for the slope, and a step; halvings aside.
+    assert len(simulator.asked) <= 2 + 3 * 2 + 3
+
+
+def test_runs_that_are_made_coarsely_give_slopes_alone() -> None:
+    """What coarse runs have wrong throughout is in none of their differences; what is left is asked of fine ones."""
+
+    def simulate(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {"way": Counted()(recording, values)["way"] + (3.0 if recording.name == "coarse" else 0.0)}
+
+    given = replace(problem(Counted()), simulator=simulate, coarse=lambda each: replace(each, name="coarse"))
+    found = calibrated(given)
+    assert found.values["spring.stiffness"] == pytest.approx(1.25, abs=0.01)
+    assert found.after < found.before / 100.0
 
 
 @pytest.mark.parametrize("count", [5, 0])

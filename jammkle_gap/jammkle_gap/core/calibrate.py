@@ -95,7 +95,7 @@ def calibrate(
     jacobian = np.concatenate(references.slopes)
     for turn in range(constants.calibration_steps):
         if turn > 0:
-            jacobian = references.slopes_at(place, current)
+            jacobian = references.slopes_at(place)
         step = np.zeros(count)
         total = variance
         for _ in range(TURNS):
@@ -169,17 +169,23 @@ class _References:
         left = self._target - np.concatenate(made)
         return np.nan_to_num(left) if np.isfinite(left).any() else np.full(left.shape, np.inf)
 
-    def slopes_at(self, place: NDArray[np.float64], left: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the slopes at a place that leaves so much, shape (n, constants); 0 where it cannot be run."""
+    def slopes_at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the slopes at a place as `Problem.coarse` runs it, shape (n, constants); 0 where it cannot be run."""
         steps = np.eye(len(place))
         moving = [(k, i) for k, each in enumerate(self.slopes) for i in np.flatnonzero(each.any(axis=0)).tolist()]
-        tasks = [self._task(self._settings[k], place + steps[i]) for k, i in moving]
-        slopes = np.zeros((len(left), len(place)))
-        for (k, i), made in zip(moving, self._runner.features(tasks, "calibrating"), strict=True):
-            part = slice(int(self._starts[k]), int(self._starts[k + 1]))
-            if np.isfinite(made).any():
-                slopes[part, i] = left[part] - np.nan_to_num(self._target[part] - made)
+        here = [self._coarse(setting, place) for setting in self._settings]
+        tasks = here + [self._coarse(self._settings[k], place + steps[i]) for k, i in moving]
+        made = self._runner.features(tasks, "calibrating")
+        slopes = np.zeros((len(self._target), len(place)))
+        for (k, i), moved in zip(moving, made[len(here) :], strict=True):
+            change = moved - made[k]
+            if np.isfinite(change).any():
+                slopes[int(self._starts[k]) : int(self._starts[k + 1]), i] = np.nan_to_num(change)
         return slopes
+
+    def _coarse(self, setting: Setting, place: NDArray[np.float64]) -> Task:
+        task = self._task(setting, place)
+        return replace(task, recording=self._problem.coarse(task.recording))
 
     def _task(self, setting: Setting, place: NDArray[np.float64]) -> Task:
         return Task(setting.references[0], setting.layout, _values(self._problem.constants, place))
