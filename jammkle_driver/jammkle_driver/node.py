@@ -216,7 +216,9 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _on_jam_command(self, message: JamCommand, info: MessageInfo) -> None:
         now, publication = self._now(), self._publication(JAM_COMMAND, info)
         try:
-            self._driver.follow(set_points(message), now, JAM_COMMAND.name, anew=message.anew, publication=publication)
+            points = set_points(message)
+            if not self._driver.follow(points, now, JAM_COMMAND.name, anew=message.anew, publication=publication):
+                return
             refused = ""
         except RequestError as error:
             refused = f"refused: {error}"

@@ -180,6 +180,20 @@ def test_a_clock_that_stands_keeps_no_real_ankle_jammed(graph: Graph) -> None:
     graph.spin_until(lambda: graph.ankle.state_of("achilles").fault == Fault.SENSOR_OUT_OF_RANGE)
 
 
+def test_a_refusal_stays_until_a_command_is_taken(graph: Graph) -> None:
+    """Of a reliable publisher, whose messages both subscriptions of the driver receive: the copy takes nothing back."""
+    graph.jammable_driver()
+    publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
+    graph.spin_until(lambda: publisher.get_subscription_count() == 2)
+    publisher.publish(JamCommand(channels=[ChannelJamCommand(channel="soleus", vacuum_pa=40e3)]))
+    graph.spin_until(lambda: "unknown channel 'soleus'" in graph.ankle.states[-1].refused_command)
+    since = len(graph.ankle.states)
+    graph.spin_until(lambda: len(graph.ankle.states) > since + 5)
+    assert all("soleus" in state.refused_command for state in graph.ankle.states[since:])
+    publisher.publish(JamCommand(channels=[ChannelJamCommand(channel="achilles", vacuum_pa=40e3)]))
+    graph.spin_until(lambda: not graph.ankle.states[-1].refused_command)
+
+
 def test_two_that_command_at_once_are_reported(graph: Graph) -> None:
     """They contradict one another, one by best effort: the channel stays as the latest change has it."""
     driver = graph.jammable_driver()

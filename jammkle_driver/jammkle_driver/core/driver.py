@@ -198,8 +198,10 @@ class Driver:
         *,
         anew: bool = False,
         publication: Publication = ONLY_PUBLISHER,
-    ) -> None:
+    ) -> bool:
         """Take one message of a stream of set points; only changes count, repeating keeps them alive.
+
+        Return False for one that came before, as by a second subscription: it changes nothing.
 
         A channel in FAULT or stopped does not follow, and the change is spent: it does not jam by itself later.
         With `anew` everything counts as a change: that is the way back after a service, a fault or a stop.
@@ -216,7 +218,7 @@ class Driver:
             raise RequestError(msg)
         stream = self.streams.of(set_points, publication, now)
         if stream is None:
-            return
+            return False
         checked = checked_set_points(set_points, self._names, self.parameters)
         # Before its first measurement a channel cannot follow; the set point counts as soon as it can.
         measured = [
@@ -235,6 +237,7 @@ class Driver:
             self.ankle.ask(set_point.channel, set_point.vacuum_pa, f"asked by {asked_by}")
             self.streams.lead(stream, set_point.channel)
         self.ankle.regulate(0.0)
+        return True
 
     def emergency_stop(self, *, stop: bool, now: Instant, publication: Publication = ONLY_PUBLISHER) -> None:
         """Take a message of an emergency stop: True releases everything, False only permits `clear_fault`.
