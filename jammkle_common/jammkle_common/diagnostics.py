@@ -219,13 +219,9 @@ class Liveness:
             text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
             text += f"{MEANING[SIM_NODE]}"
             return Health(about, Level.ERROR, text)
-        # Who stood still itself has received nothing, and has nobody to blame for it.
-        since_s = now_s - self._looked_s
-        if since_s > 1.5 * PERIOD_S:
-            self._last_s = {name: last_s + since_s for name, last_s in self._last_s.items()}
-        self._looked_s = now_s
+        alive = self.alive()
         silent = {name: now_s - last_s for name, last_s in sorted(self._last_s.items())}
-        missed = {name: silence_s for name, silence_s in silent.items() if silence_s > MISSED_AFTER_S}
+        missed = [name for name in silent if name not in alive]
         values = {f"{name}{SILENT_FOR}": f"{silence_s:.1f}" for name, silence_s in silent.items()}
         if not missed:
             return Health(about, Level.OK, f"all there: {', '.join(sorted([self._own, *silent]))}", values)
@@ -233,6 +229,16 @@ class Liveness:
         texts = [f"{name} is dead or hangs: {MEANING.get(kind, 'not one of ours')}" for name, kind in kinds.items()]
         level = Level.WARN if set(kinds.values()) <= _ONLOOKERS else Level.ERROR
         return Health(about, level, "; ".join(texts), values)
+
+    def alive(self) -> frozenset[str]:
+        """Return the nodes whose reports come in, by name without the own namespace; to be asked once a second."""
+        now_s = self._now_s()
+        # Who stood still itself has received nothing, and has nobody to blame for it.
+        since_s = now_s - self._looked_s
+        if since_s > 1.5 * PERIOD_S:
+            self._last_s = {name: last_s + since_s for name, last_s in self._last_s.items()}
+        self._looked_s = now_s
+        return frozenset(name for name, last_s in self._last_s.items() if now_s - last_s <= MISSED_AFTER_S)
 
     def _take_bytes(self, serialized: bytes) -> None:
         """Read reports in which a name is found alone: to read one costs as much as ten samples of an IMU."""

@@ -15,7 +15,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common import names
 from jammkle_common.command.errors import InputError
-from jammkle_common.messages import message_class
+from jammkle_common.diagnostics import Liveness
+from jammkle_common.messages import Level, message_class
 from jammkle_common.names import normalised
 from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import newest_qos, publisher_qos, subscriber_qos
@@ -259,6 +260,9 @@ class ViewerNode(Node):
             name: AnkleSubscriptions(self, self._watcher, name, ankle, with_base=place == 0)
             for place, (name, ankle) in enumerate(self._known.items())
         }
+        self._liveness = Liveness(self, ankles=None)
+        self._met: frozenset[str] = frozenset()
+        self._said_of_nodes = ""
         self.get_logger().info(f"page: {address_of(self._server)}")
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
@@ -288,12 +292,26 @@ class ViewerNode(Node):
         for name, subscriptions in self._inputs.items():
             subscriptions.plot(wanted=name == self._page.chosen)
             subscriptions.look()
+        self._look_at_nodes()
         while not self._requested.empty():
             self._requests.carry_out(self._requested.get())
         self._requests.go_on()
         self._factor.note(next(iter(self._known.values())).time_s, now_s)
         if is_watched(self._server):
             self._page.show(self._known, self._factor.value(), now_s)
+
+    def _look_at_nodes(self) -> None:
+        """Say who is dead. Of the channels of a driver that is dead or has left nothing is known any more."""
+        alive = self._liveness.alive()
+        self._met |= alive
+        for name, ankle in self._known.items():
+            if (f"{name}/{names.DRIVER_NODE}" if name else names.DRIVER_NODE) in self._met - alive:
+                ankle.lose_driver()
+        health = self._liveness.health()
+        said = "" if health.level is Level.OK else health.message
+        if said != self._said_of_nodes:
+            self._said_of_nodes = said
+            self._page.answer(health.message, good=not said)
 
 
 def _ankles(given: str) -> tuple[str, ...]:

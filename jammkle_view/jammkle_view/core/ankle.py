@@ -210,6 +210,10 @@ class Ankle(AnkleState):
             case Description():
                 self.description = sample.text
 
+    def lose_driver(self) -> None:
+        """Forget what the driver said of the channels."""
+        self.channels = {}
+
     def _measured_at(self, time_s: float) -> None:
         if not time_s <= self.time_s or time_s < self.time_s - SPAN_S:  # the robot's time may begin anew
             self.time_s = time_s
