@@ -106,6 +106,16 @@ def test_sections_fit_nodes_as_ros_reads_them(tmp_path: Path, section: str, name
             check_parameter_files([path], namespace, NODES)
 
 
+def test_a_misspelled_ankle_is_refused_beside_one_that_fits(tmp_path: Path) -> None:
+    """Its values would be lost without a word. Sections of other robots stay, as files that several share have them."""
+    path = tmp_path / "parameters.yaml"
+    section = "{}:\n  ros__parameters:\n    max_vacuum_pa: 50000.0\n"
+    path.write_text(section.format("/lf_ankle/driver") + section.format("/rf_ankel/driver"))
+    with pytest.raises(InputError, match=r"section '/rf_ankel/driver' fits no node .* /rf_ankle/driver"):
+        check_parameter_files([path], "/", nodes_for("fake", Robot.QUADRUPED))
+    check_parameter_files([path], "/lf_ankle", NODES)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from jammkle_driver.core.hardware import Hardware
+    from jammkle_driver.fake import ScriptedFault
     from jammkle_driver.parameters import DriverParameters
 
 
@@ -211,13 +212,7 @@ class FakeHardware:
 
         """
         self._context = context
-        given = context.parameters.fake_faults
-        try:
-            text = Path(given).read_text(encoding="utf-8") if given and Path(given).is_file() else given
-            self._script = list(read_script(text))
-        except (OSError, ScriptError) as error:
-            msg = f"parameter 'fake_faults': {error}"
-            raise ParameterError(msg) from error
+        self._script = list(self.check(context.parameters))
         plant = FakePlant(context.parameters.air(), STANDARD_ATMOSPHERE_PA)
         self.board = FakeBoard(plant)
         self._draw = random.Random(0)  # noqa: S311 - which telegrams noise hits is no secret
@@ -225,6 +220,22 @@ class FakeHardware:
         self._last_s = seconds(self._steady.now())
         self._measured = Measured(context, plant.pressures_pa)
         self._timer = context.node.create_timer(STEP_S, self._exchange, clock=self._steady)
+
+    @staticmethod
+    def check(parameters: DriverParameters) -> tuple[ScriptedFault, ...]:
+        """Return the faults to come.
+
+        Raises:
+            ParameterError: the script of faults cannot be read.
+
+        """
+        given = parameters.fake_faults
+        try:
+            text = Path(given).read_text(encoding="utf-8") if given and Path(given).is_file() else given
+            return read_script(text)
+        except (OSError, UnicodeDecodeError, ScriptError) as error:
+            msg = f"parameter 'fake_faults': {error}"
+            raise ParameterError(msg) from error
 
     @property
     def link(self) -> LinkStatus:

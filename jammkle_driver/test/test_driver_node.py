@@ -265,9 +265,8 @@ def test_the_set_point_of_the_next_jam_may_change_while_jammed(graph: Graph) -> 
 
 def test_a_bad_script_of_faults_ends_the_start(graph: Graph) -> None:
     """What cannot be read is refused before anything is driven, in one line."""
-    driver = graph.driver(autostart=False, hardware="fake", fake_faults="1 explode")
-    with pytest.raises(ParameterError, match="explode"):
-        driver.on_configure(driver._state_machine.current_state)
+    with pytest.raises(ParameterError, match=r"parameter 'fake_faults': line 1 of the script .* 'explode'"):
+        graph.driver(hardware="fake", fake_faults="1 explode")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -384,9 +384,16 @@ def _check_sections(path: Path, namespace: str, nodes: Sequence[NodeEntry]) -> N
         if node not in names and node not in _WILDCARDS:
             msg = f"{path}: no node '{node}' in this graph (section '{pattern}'); known are: {', '.join(sorted(names))}"
             raise InputError(msg)
-    if patterns and not any(
-        _matches(pattern, resolved(namespace, entry.path)) for pattern in patterns for entry in nodes
-    ):
+    paths = [resolved(namespace, entry.path) for entry in nodes]
+    fitting = [pattern for pattern in patterns if any(_matches(pattern, each) for each in paths)]
+    # In the root one ankle alone has sections of other robots beside it, as files that several share do.
+    is_whole = namespace != "/" or any("/" in entry.path for entry in nodes)
+    for pattern in patterns if is_whole else ():
+        is_within = pattern.startswith(f"{namespace.rstrip('/')}/")
+        if is_within and pattern not in fitting and not set(_WILDCARDS).intersection(pattern.split("/")):
+            msg = f"{path}: section '{pattern}' fits no node of this graph; its nodes are: {', '.join(sorted(paths))}"
+            raise InputError(msg)
+    if patterns and not fitting:
         msg = (
             f"{path}: no section fits namespace {namespace} (sections: {', '.join(patterns)}); "
             "'/**/driver' fits the driver of every namespace"
