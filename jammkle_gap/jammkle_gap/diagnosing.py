@@ -92,7 +92,7 @@ def diagnose(request: DiagnoseRequest) -> Diagnosis:
         Interrupted: stopped before anything was known.
 
     """
-    _check(request)
+    check(request)
     stop = StopRequest()
     library = library_of(request.library, request.only, request.without)
     given = (request.rig, request.namespace, request.sensors, stop, request.jobs)
@@ -108,8 +108,13 @@ def diagnose(request: DiagnoseRequest) -> Diagnosis:
     return diagnosis
 
 
-def _check(request: DiagnoseRequest) -> None:
-    """Refuse what cannot work before anything is read."""
+def check(request: DiagnoseRequest) -> None:
+    """Refuse what cannot work before anything is read.
+
+    Raises:
+        InputError: an option cannot be used, or a bag is given twice.
+
+    """
     if request.jobs is not None and request.jobs < 1:
         msg = f"--jobs {request.jobs} must be 1 or more"
         raise InputError(msg)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import typer
 
+from jammkle_common.bags.contents import holds_a_bag
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command import EXERCISE, provided
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
@@ -22,7 +23,7 @@ from jammkle_common.command.results import make_folder, say
 from jammkle_gap.ankle.bag import read_bag
 from jammkle_gap.ankle.problem import plans
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.diagnosing import DiagnoseRequest, diagnose
+from jammkle_gap.diagnosing import DiagnoseRequest, check, diagnose, recordings_of
 from jammkle_sim.rigs.catalogue import EXERCISES
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ _UNFINISHED = "unfinished"
 """Folder in that of a session: holds bags of exercises that were stopped on the way."""
 
 
-class _Record(Protocol):
+class _Recorder(Protocol):
     """`jammkle_bringup.exercise.exercise`."""
 
     def __call__(self, runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Callable[[], bool]) -> None:
@@ -69,18 +70,26 @@ def session(request: SessionRequest) -> Diagnosis:
     if request.further < 0:
         msg = f"--further {request.further} must be 0 or more"
         raise InputError(msg)
-    record: _Record = provided(EXERCISE, "record", _BRINGS_EXERCISES)
+    record: _Recorder = provided(EXERCISE, "record", _BRINGS_EXERCISES)
     stop = StopRequest()
     make_folder(request.folder)
+    check(_asked(request, []))
+    _check_names(request.folder)
     _set_unfinished_aside(request.folder)
-    there = {bag.name for bag in _bags_in(request.folder)}
+    bags = _bags_in(request.folder)
+    there = {bag.name for bag in bags}
     missing = {request.folder / name: RunSheet(name, {}) for name in EXERCISES if name not in there}
     if missing:
-        say(f"first, the exercises {', '.join(each.rig for each in missing.values())}")
-        record(missing, request.namespace, stop)
+        # before a robot moves for a minute and a half
+        recordings_of(bags, None, _ankle(request), None, stop, request.jobs)
+        say(
+            f"first, the exercises {', '.join(each.rig for each in missing.values())}; where the robot is elsewhere, "
+            f"`jammkle exercise NAME -o {request.folder}` records one there"
+        )
+        _record(record, missing, request, stop)
     done = 0
     while True:
-        diagnosis = _diagnosed(request, _bags_in(request.folder))
+        diagnosis = diagnose(_asked(request, _bags_in(request.folder)))
         following = diagnosis.next_experiment
         if following is None or not diagnosis.finished:
             say(_why_it_ends(diagnosis))
@@ -92,13 +101,30 @@ def session(request: SessionRequest) -> Diagnosis:
         say(f"next: jammkle {following.name}, {following.lasts_s:.0f} s: there, {following.sentence}")
         if not _may_go_on(request, stop):
             return diagnosis
-        record({_free(request.folder, sheet.rig): sheet}, request.namespace, stop)
+        _record(record, {_free(request.folder, sheet.rig): sheet}, request, stop)
         done += 1
 
 
 def _bags_in(folder: Path) -> list[Path]:
     """Return the bags of a session, in the order of their names."""
-    return sorted(each for each in folder.iterdir() if (each / "metadata.yaml").is_file())
+    return sorted(each for each in folder.iterdir() if holds_a_bag(each))
+
+
+def _check_names(folder: Path) -> None:
+    """Refuse what is no bag, and stands where that of an exercise will be."""
+    for bag in (folder / name for name in EXERCISES):
+        is_empty = bag.is_dir() and not any(bag.iterdir())
+        if bag.exists() and not is_empty and not holds_a_bag(bag):
+            msg = f"{bag} is no bag, and has the name that the bag of an exercise will have: move it away"
+            raise InputError(msg)
+
+
+def _record(record: _Recorder, runs: Mapping[Path, RunSheet], request: SessionRequest, stop: StopRequest) -> None:
+    try:
+        record(runs, request.namespace, stop)
+    except GraphError as error:
+        msg = f"{error}; then call the session again: it goes on from {request.folder}"
+        raise GraphError(msg) from error
 
 
 def _set_unfinished_aside(folder: Path) -> None:
@@ -135,10 +161,13 @@ def _free(folder: Path, name: str) -> Path:
     return folder / f"{name}_{number}"
 
 
-def _diagnosed(request: SessionRequest, bags: list[Path]) -> Diagnosis:
-    namespace = None if request.namespace == "/" else request.namespace
-    return diagnose(
-        DiagnoseRequest(bags, (), None, namespace, None, request.folder, request.json, request.jobs, scheduler=None)
+def _ankle(request: SessionRequest) -> str | None:
+    return None if request.namespace == "/" else request.namespace
+
+
+def _asked(request: SessionRequest, bags: list[Path]) -> DiagnoseRequest:
+    return DiagnoseRequest(
+        bags, (), None, _ankle(request), None, request.folder, request.json, request.jobs, scheduler=None
     )
 
 

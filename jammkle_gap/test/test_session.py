@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -68,6 +68,13 @@ class Bench:
             raise GraphError(msg)
         return self.simulated
 
+    def read(self, bags: list[Path], *_: object) -> None:
+        """Refuse a bag that is not of this machine."""
+        for bag in bags:
+            if bag.name == "foreign":
+                msg = "bag foreign holds no topic of an ankle"
+                raise InputError(msg)
+
     def diagnose(self, request: DiagnoseRequest) -> MadeUp:
         """Say the next thing."""
         self.diagnosed.append([bag.name for bag in request.bags])
@@ -82,6 +89,7 @@ def put_bench(monkeypatch: pytest.MonkeyPatch) -> Callable[[Bench], Bench]:
         offered = {"record": bench.record, "is_simulated": bench.is_simulated}
         monkeypatch.setattr(room, "provided", lambda _group, name, _package: offered[name])
         monkeypatch.setattr(room, "diagnose", bench.diagnose)
+        monkeypatch.setattr(room, "recordings_of", bench.read)
         return bench
 
     return put
@@ -137,6 +145,29 @@ def test_an_exercise_that_was_stopped_is_recorded_anew(
     room.session(asked(tmp_path))
     assert (tmp_path / "unfinished" / f"{first}_2").is_dir()
     assert bench.diagnosed[-1] == sorted(EXERCISES)
+
+
+@pytest.mark.parametrize(
+    ("there", "jobs", "said"),
+    [
+        ("", 0, "--jobs 0 must be 1 or more"),
+        ("cycle", 1, "cycle is no bag, and has the name that the bag of an exercise will have: move it away"),
+        ("press/notes.txt", 1, "press is no bag, and has the name"),
+        ("foreign/foreign.mcap", 1, "bag foreign holds no topic of an ankle"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_robot_moves(
+    put: Callable[[Bench], Bench], tmp_path: Path, there: str, jobs: int, said: str
+) -> None:
+    """Nothing is recorded, and what stands in the folder stays where it is."""
+    if there:
+        (tmp_path / there).parent.mkdir(exist_ok=True)
+        (tmp_path / there).touch()
+    bench = put(Bench([]))
+    with pytest.raises(InputError, match=said):
+        room.session(replace(asked(tmp_path), jobs=jobs))
+    assert not bench.recorded
+    assert not there or (tmp_path / there).is_file()
 
 
 def test_it_ends_after_as_many_further_runs_as_are_allowed(put: Callable[[Bench], Bench], tmp_path: Path) -> None:

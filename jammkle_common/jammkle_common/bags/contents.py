@@ -56,6 +56,11 @@ class Contents:
     """Why the metadata cannot be read; empty otherwise."""
 
 
+def holds_a_bag(folder: Path) -> bool:
+    """Return whether a folder has what a recorder leaves, finished or not."""
+    return folder.is_dir() and ((folder / METADATA_NAME).is_file() or bool(_files_in(folder)))
+
+
 def contents_of(bag: Path) -> Contents:
     """Return the files of a bag.
 
@@ -70,7 +75,7 @@ def contents_of(bag: Path) -> Contents:
     if not bag.is_dir():
         return Contents(bag, (bag,))
     there = _files_in(bag)
-    if not there and not (bag / METADATA_NAME).is_file():
+    if not holds_a_bag(bag):
         msg = f"{bag} is not a bag: it holds no {METADATA_NAME}, and no file *{' or *'.join(_KINDS)}"
         raise InputError(msg)
     said, unreadable = _said(bag)
