@@ -15,7 +15,7 @@ from rcl_interfaces.srv import GetParameters
 from rich.markup import escape
 from rich.table import Table
 
-from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, below, no_answer
+from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, below
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -178,7 +178,7 @@ def status(namespace: str, asked_to_stop: Callable[[], bool]) -> tuple[dict[str,
         ankles = client.ankles(subscribe)
         if not client.wait_until(lambda: states.keys() >= set(ankles), ANSWER_TIMEOUT_S):
             silent = next(ankle for ankle in ankles if ankle not in states)
-            raise GraphError(no_answer(below(silent, JAM_STATE.name), namespace, ANSWER_TIMEOUT_S))
+            raise GraphError(client.no_answer(below(silent, JAM_STATE.name)))
         drivers = {resolved(namespace, below(ankle, DRIVER_NODE)) for ankle in ankles}
         client.wait_until(lambda: all_reported(_inside(namespace, ankles, health), drivers), _LATEST_S)
         shown = _inside(namespace, ankles, health)

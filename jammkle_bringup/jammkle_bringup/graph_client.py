@@ -19,7 +19,16 @@ from rclpy.signals import SignalHandlerOptions
 
 from jammkle_common.command.errors import GraphError, InputError, Interrupted
 from jammkle_common.messages import COMMANDS_LINE
-from jammkle_common.names import CLOCK, DIAGNOSTICS, DRIVER_NODE, PUMP_DUTY, SIM_NODE, relative, resolved
+from jammkle_common.names import (
+    CLOCK,
+    CONTROLLER_NODE,
+    DIAGNOSTICS,
+    DRIVER_NODE,
+    PUMP_DUTY,
+    SIM_NODE,
+    relative,
+    resolved,
+)
 from jammkle_common.qos import node_at, subscriber_qos
 
 if TYPE_CHECKING:
@@ -138,7 +147,7 @@ class GraphClient:
         client = self.node.create_client(kind, name)
         try:
             if not self.wait_until(client.service_is_ready, timeout_s):
-                raise GraphError(no_answer(name, self.namespace, timeout_s))
+                raise GraphError(self.no_answer(name, timeout_s))
             end_s = time.monotonic() + timeout_s
             futures: list[Any] = []
             while (left_s := end_s - time.monotonic()) > 0:
@@ -174,7 +183,7 @@ class GraphClient:
             return ankles
 
         if not self.wait_until(lambda: bool(seen()), ANSWER_TIMEOUT_S):
-            raise GraphError(no_answer(DRIVER_NODE, self.namespace, ANSWER_TIMEOUT_S))
+            raise GraphError(self.no_answer(DRIVER_NODE))
         simulation = resolved(self.namespace, SIM_NODE)
         simulated: set[str] = set()
 
@@ -191,6 +200,20 @@ class GraphClient:
         self.node.destroy_subscription(subscription)
         ankles = seen()
         return ("",) if "" in ankles else tuple(sorted(ankles))
+
+    def no_answer(self, what: str, timeout_s: float = ANSWER_TIMEOUT_S) -> str:
+        """Return the line for a node, a topic or a service that is not there, with what is there instead."""
+        text = f"nothing answers on {what} within {timeout_s:g} s "
+        text += f"(namespace {self.namespace}, ROS domain {ros_domain()}): "
+        there = sorted(name for name in self.nodes() if relative(self.namespace, name) is not None)
+        drivers = [name for name in there if name.endswith(f"/{DRIVER_NODE}")]
+        if drivers:
+            text += f"{drivers[0]} is on the graph, but was killed, or is not configured: start it anew, or "
+            return f"{text}`ros2 lifecycle set {drivers[0]} configure` and `activate`"
+        others = [name for name in there if name.endswith((f"/{CONTROLLER_NODE}", f"/{SIM_NODE}"))]
+        if others:
+            return f"{text}{' and '.join(others)} run without a driver: start one, or all with `jammkle up`"
+        return f"{text}start the graph with `jammkle up`, or give its --namespace or ROS_DOMAIN_ID"
 
     def _ankles(self) -> set[str]:
         """Return what is seen so far: every ankle has a pump, which a driver commands and a simulation may follow."""
@@ -237,14 +260,6 @@ def below(ankle: str, path: str) -> str:
 def ros_domain() -> str:
     """Return the ROS domain of this process, as text."""
     return os.environ.get("ROS_DOMAIN_ID") or "0"
-
-
-def no_answer(what: str, namespace: str, timeout_s: float) -> str:
-    """Return the line for a graph that is not there."""
-    return (
-        f"nothing answers on {what} within {timeout_s:g} s (namespace {namespace}, ROS domain {ros_domain()}): "
-        "start the graph with `jammkle up`, or give its --namespace or ROS_DOMAIN_ID"
-    )
 
 
 LOOKERS = 3

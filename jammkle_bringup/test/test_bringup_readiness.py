@@ -7,7 +7,9 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -34,6 +36,26 @@ def wait(spec: ChildSpec, asked_to_stop: Callable[[], bool] = lambda: False) -> 
         GraphClient("/", asked_to_stop) as client,
     ):
         Startup(client, supervisor, "; see the log").wait_until_connected({SIM_NODE, CONTROLLER_NODE})
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        ((), "start the graph with `jammkle up`"),
+        (("controller", "driver"), "/driver is on the graph, but was killed, or is not configured: start it anew"),
+        (("controller", "sim"), "/controller and /sim run without a driver: start one"),
+    ],
+)
+def test_who_is_there_without_a_driver_is_named(ros_domain: int, there: tuple[str, ...], said: str) -> None:
+    """A driver that was cleaned up or killed is no reason to look for a whole graph in another domain."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain, signal_handler_options=SignalHandlerOptions.NO)
+    nodes = [rclpy.create_node(name, context=context) for name in there]
+    with GraphClient("/", lambda: False) as client, pytest.raises(GraphError, match=said):
+        client.ankles()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown(context=context)
 
 
 @pytest.mark.usefixtures("ros_domain")
