@@ -94,6 +94,7 @@ def test_each_topic_is_a_table_with_units_in_its_columns(bag: Path, tmp_path: Pa
     states = table(tmp_path / "out" / "lf_ankle_jam_state.csv")
     assert [row["achilles_state"] for row in states] == ["UNKNOWN", "UNJAMMED", "JAMMING", "JAMMED", "VENTING"]
     assert {"achilles_commanded_vacuum_pa", "manifold_vacuum_pa", "fault_reason"} <= states[0].keys()
+    assert {row["achilles_fault"] for row in states} == {"UNKNOWN"}  # as Fault has it
     (event,) = table(tmp_path / "out" / "lf_ankle_contact_events.csv")
     assert (event["type"], event["magnitude"], event["unit"]) == ("IMPACT", "30", "m/s^2")
     assert [row["solenoid"] for row in table(tmp_path / "out" / "lf_ankle_achilles_solenoid.csv")] == [

@@ -447,6 +447,10 @@ _JOINT_UNITS = {"position": ("rad", "m"), "velocity": ("rad_s", "m_s"), "effort"
 """Of a joint that turns and of one that slides. The message does not tell which it is: `carriage` alone slides here."""
 
 
+_WORDS_ELSEWHERE = {("jammkle_msgs/msg/ChannelJamState", "fault"): "jammkle_msgs/msg/Fault"}
+"""Fields whose constants another message has."""
+
+
 class RowMaker:
     """Makes rows of the messages of one type, as the definitions in a bag describe it.
 
@@ -487,8 +491,8 @@ class RowMaker:
 
     def _fields(self, message_type: str) -> Callable[[Any, str, Row], None]:
         """Return what puts the fields of a message into a row, their names behind a prefix."""
-        constants, fields = self._definitions[message_type]
-        words = {value: name for name, kind, value in constants if kind in {"uint8", "byte"}}
+        fields = self._definitions[message_type][1]
+        words = self._words(message_type)
         named = _names_field(fields)
         parts: list[Callable[[Any, str, Row], None]] = []
         for name, (node, inner) in fields:
@@ -499,7 +503,10 @@ class RowMaker:
             ):
                 continue
             unit = _UNITS.get((message_type, name), "")
-            if node is Nodetype.BASE:
+            elsewhere = _WORDS_ELSEWHERE.get((message_type, name), "")
+            if elsewhere in self._definitions:
+                parts.append(_worded(name, self._words(elsewhere)))
+            elif node is Nodetype.BASE:
                 kind = inner[0]
                 parts.append(_worded(name, words) if words and kind in {"uint8", "byte"} else _plain(name, unit))
                 words = {} if kind in {"uint8", "byte"} else words  # constants are those of the first such field
@@ -518,6 +525,10 @@ class RowMaker:
                 part(message, prefix, row)
 
         return fill
+
+    def _words(self, message_type: str) -> dict[Any, str]:
+        constants = self._definitions[message_type][0]
+        return {value: name for name, kind, value in constants if kind in {"uint8", "byte"}}
 
 
 def _names_field(fields: Any) -> str:
