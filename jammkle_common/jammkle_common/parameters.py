@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
 import math
 import reprlib
 from dataclasses import dataclass
@@ -210,6 +211,8 @@ def from_mapping(table: type[P], values: Mapping[str, object]) -> P:
     unknown = sorted(set(values) - set(known))
     if unknown:
         msg = f"unknown parameter '{unknown[0]}'; known are: {', '.join(sorted(known))}"
+        near = difflib.get_close_matches(unknown[0], known, 1)
+        msg += f"; did you mean {near[0]}?" if near else ""
         raise ParameterError(msg)
     return table(**{name: known[name].check(value) for name, value in values.items()})
 

@@ -107,7 +107,7 @@ def run_together(
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         # rclpy's only class for a bad --ros-args or a parameter file that cannot be read is private.
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"the command line cannot be used: {error}\n")
         return EXIT_BAD_INPUT
     try:
         nodes: list[Node] = []

@@ -50,7 +50,10 @@ def test_a_float_is_taken_exactly_within_its_range(value: float) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"vacuum_kpa": 50.0}, "unknown parameter 'vacuum_kpa'; known are: autostart, count, robot, vacuum_pa"),
+        (
+            {"vacuum_kpa": 50.0},
+            "unknown parameter 'vacuum_kpa'; known are: autostart, count, robot, vacuum_pa; did you mean vacuum_pa?",
+        ),
         ({"vacuum_pa": "much"}, "must be a number"),
         ({"count": 2.5}, "must be a whole number"),
         ({"count": True}, "must be a whole number"),

@@ -162,11 +162,16 @@ def test_two_that_contradict_one_another_do_not_take_turns(make_rig: Callable[..
 
 
 def test_a_refused_stop_names_who_still_asks(make_rig: Callable[..., Any]) -> None:
-    """The driver's own refusal, with the way out."""
+    """The driver's own refusal, with the way out, also where nobody is left who could take it back."""
     rig = make_rig().active()
     first, second = Source(), Source()
     for sent_ns, source, stop in ((1, first, True), (2, second, False)):
         publication = source.publication(sent_ns, 2)
         rig.driver.emergency_stop(stop=stop, now=rig.now, publication=publication)
     with pytest.raises(RequestError, match="still true from 1 of 2 publishers; publish false on each of them"):
+        rig.driver.clear_fault(rig.now)
+    for _ in range(2):
+        rig.wait(2.0)
+        rig.driver.tick(rig.now, 0)
+    with pytest.raises(RequestError, match=r"2 publishers \(1 left the graph while true: a false of any other"):
         rig.driver.clear_fault(rig.now)

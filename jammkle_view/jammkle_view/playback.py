@@ -53,15 +53,16 @@ def run(
         InputError: no bag, an option that does not fit, or a port that is taken.
 
     """
-    if corrected is not None and not simulated:
-        msg = f"--corrected {corrected} and --no-simulation exclude each other: give one of them"
-        raise InputError(msg)
-    with progress_bar(f"reading {bag}") as show:
-        recorded = read_recorded(bag, namespace, lambda share: show(share, ""))
-    overlay, why_not = _simulated(bag, recorded, rig, corrected) if simulated else (None, "")
-    player = Player(recorded.duration_s)
-    server = serve(host, port, "Jammkle")
+    for option, value in (("--corrected", corrected), ("--rig", rig)):
+        if value is not None and not simulated:
+            msg = f"{option} {value} and --no-simulation exclude each other: give one of them"
+            raise InputError(msg)
+    server = serve(host, port, "Jammkle")  # first: a port that is taken shall not be found after a simulation
     try:
+        with progress_bar(f"reading {bag}") as show:
+            recorded = read_recorded(bag, namespace, lambda share: show(share, ""))
+        overlay, why_not = _simulated(bag, recorded, rig, corrected) if simulated else (None, "")
+        player = Player(recorded.duration_s)
         page = PlaybackPage(server, recorded, overlay, why_not, player)
         say(f"page: {address_of(server)}; Ctrl-C stops")
         before_s = time.monotonic()

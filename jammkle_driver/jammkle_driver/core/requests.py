@@ -384,7 +384,10 @@ class EmergencyStop:
         if self.asked_by:
             known = len(self._publishers.all)
             of, who = (f" from {self.asked_by} of {known} publishers", "each of them") if known > 1 else ("", "it")
-            return f"emergency_stop is still true{of}; publish false on {who} first, then call ~/clear_fault again"
+            gone = sum(each.gone and each.value for each in self._publishers.all)
+            left = f" ({gone} left the graph while true: a false of any other takes that back)" if gone else ""
+            way_out = f"publish false on {who} first, then call ~/clear_fault again"
+            return f"emergency_stop is still true{of}{left}; {way_out}"
         self.reason = ""
         self._silence.feed(now)
         self._publishers.forget_gone()

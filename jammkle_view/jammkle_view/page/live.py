@@ -157,7 +157,7 @@ class LivePage:
         fresh = latest is not None and 0.0 <= ankle.time_s - latest.time_s <= _LABEL_S
         if latest is not None and fresh:
             x, y, z = next(scene.centre_m for scene, members in self._drawn if self.chosen in members)
-            self._label.text = f"{latest.kind.name} {latest.magnitude:.1f} {latest.unit}"
+            self._label.text = f"{latest.kind.name} {latest.magnitude:.3g} {latest.unit}"
             self._label.position = (x + 0.09, y, z)
         self._label.visible = fresh
 

@@ -64,7 +64,7 @@ def events_html(events: Sequence[Event], most: int = 6) -> str:
         f'<tr><td style="padding-right: 8px">{event.time_s:.3f} s</td>'
         f'<td style="color: {css(EVENT_TINTS[event.kind])}; font-weight: 600; padding-right: 8px">'
         f"{event.kind.name}</td>"
-        f"<td>{event.magnitude:.1f} {html.escape(event.unit)}</td>"
+        f"<td>{event.magnitude:.3g} {html.escape(event.unit)}</td>"
         f'<td style="padding-left: 8px; opacity: 0.7">felt after {1e3 * event.detection_delay_s:.1f} ms</td></tr>'
         for event in sorted(events, key=lambda each: -each.time_s)[:most]
     )
