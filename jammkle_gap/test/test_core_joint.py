@@ -363,3 +363,24 @@ def test_a_candidate_begins_where_its_constants_come_to() -> None:
     (start,) = search.responding([place], alone)
     far, near = (np.linalg.norm(each - fitted.scores) for each in (alone.scores, start.scores))
     assert near < 0.3 * far
+
+
+def test_a_constant_that_leads_nowhere_from_its_bound_is_found_within() -> None:
+    """From a hard floor a little give makes it worse, where much of it explains all: that is no gap."""
+
+    def simulate_floor(_run: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        give = values.get("floor.give", 0.0)
+        felt = 1.0 + 0.2 * give * (give - 1.2)
+        return {"way": felt * np.sin(TIMES_S) + values.get("rub.torque", 0.0) * np.cos(TIMES_S)}
+
+    rub = Effect("rub", "bearing", (EffectParameter("torque", "N m", 0.0, 0.0, 1.0, "assumed"),), "Oil it.")
+    give = Nuisance("floor.give", "1", 0.0, 1.0, "assumed", 0.0, 5.0)
+    problem = Problem(simulate_floor, Library((rub,)), constants=(give,))
+    random = np.random.default_rng(5)
+    values = simulate_floor(Recording("a", ()), {"floor.give": 1.8})["way"]
+    noisy = [values + random.normal(0.0, 0.01, TIMES_S.size) for _ in range(3)]
+    runs = [Recording(f"run{k}", (Signal("way", "m", TIMES_S, each, noise=0.01),)) for k, each in enumerate(noisy)]
+    found = diagnose(runs, problem, jobs=1)
+    assert found.verdict is Verdict.NO_GAP
+    (fitted,) = found.constants
+    assert fitted.value == pytest.approx(1.8, abs=0.05)
