@@ -122,7 +122,7 @@ class Recorder(Node):
             timer.cancel()
         end_s = time.monotonic() + _LONGEST_DRAIN_S
         others = 0
-        # a round of the executor has one message of each topic that has any
+        # an executor takes what has come in order, or of each topic in turn
         while self.can_go_on() and others <= len(self._recorded) and time.monotonic() < end_s:
             before, begun_s = self._received, time.monotonic()
             executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)

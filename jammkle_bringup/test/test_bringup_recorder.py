@@ -18,6 +18,7 @@ import yaml
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -278,14 +279,17 @@ def test_no_sample_is_lost(
     assert stamps == list(range(count))
 
 
+@pytest.mark.parametrize("kind", [SingleThreadedExecutor, EventsExecutor])
 @pytest.mark.parametrize("goes_on", [False, True])
-def test_what_waits_at_the_end_is_recorded(node: Node, ros_domain: int, tmp_path: Path, *, goes_on: bool) -> None:
+def test_what_waits_at_the_end_is_recorded(
+    node: Node, ros_domain: int, tmp_path: Path, kind: type[Any], *, goes_on: bool
+) -> None:
     """Also where all timers are due, as after a pause of the process, and while others publish on."""
     imu = node.create_publisher(Imu, "imu/data", publisher_qos(names.IMU))
     other = node.create_publisher(String, "other", QoSProfile(depth=1))
     rclpy.init(domain_id=ros_domain, signal_handler_options=SignalHandlerOptions.NO)
     recorder = Recorder(tmp_path / "bag", "/", TimeSource.SYSTEM)
-    executor = SingleThreadedExecutor()
+    executor = kind()
     executor.add_node(recorder)
 
     def subscribes() -> bool:
