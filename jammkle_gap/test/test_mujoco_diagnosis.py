@@ -98,7 +98,7 @@ def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
         ("missing.xml", "is no file; give an MJCF"),
         ("broken.xml", "cannot be loaded"),
         ("map.yaml", "write 'model: robot.xml' into it"),
-        ("typo.yaml", "the key 'joint'; it may have: joints"),
+        ("typo.yaml", "the key 'joint'; it may have: model, joints, units"),
     ],
 )
 def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], model: str, said: str) -> None:
