@@ -261,7 +261,7 @@ class ViewerNode(Node):
             for place, (name, ankle) in enumerate(self._known.items())
         }
         self._liveness = Liveness(self, ankles=None)
-        self._met: frozenset[str] = frozenset()
+        self._seen: frozenset[str] = frozenset()
         self._said_of_nodes = ""
         self.get_logger().info(f"page: {address_of(self._server)}")
 
@@ -303,9 +303,9 @@ class ViewerNode(Node):
     def _look_at_nodes(self) -> None:
         """Say who is dead. Of the channels of a driver that is dead or has left nothing is known any more."""
         alive = self._liveness.alive()
-        self._met |= alive
+        self._seen |= alive
         for name, ankle in self._known.items():
-            if (f"{name}/{names.DRIVER_NODE}" if name else names.DRIVER_NODE) in self._met - alive:
+            if (f"{name}/{names.DRIVER_NODE}" if name else names.DRIVER_NODE) in self._seen - alive:
                 ankle.lose_driver()
         health = self._liveness.health()
         said = "" if health.level is Level.OK else health.message
