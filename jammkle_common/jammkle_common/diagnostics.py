@@ -231,7 +231,7 @@ class Liveness:
         return Health(about, level, "; ".join(texts), values)
 
     def alive(self) -> frozenset[str]:
-        """Return the nodes whose reports come in, by name without the own namespace; to be asked once a second."""
+        """Return the nodes whose reports come in, by name without the own namespace; ask once a second or oftener."""
         now_s = self._now_s()
         # Who stood still itself has received nothing, and has nobody to blame for it.
         since_s = now_s - self._looked_s

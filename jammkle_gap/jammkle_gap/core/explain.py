@@ -52,7 +52,8 @@ _SETTLED = 0.25
 """Nats that a further fit gains, from 0 to this, for none to follow it. Chosen: a quarter of `_WORTH_GOING_ON`."""
 _AT_BOUND, _WITHIN, _AS_LIKELY = 0.1, (1.0, 2.0), 1.0
 """A constant this near to its bound, in standard deviations, is tried so far within it, and is begun there again where
-that costs less than so many nats. Chosen: half of such priors lies between, and a nat is no evidence."""
+that costs less than so many nats. Chosen: a third of half a normal prior lies beyond one, and a twentieth beyond two
+deviations; a nat is no evidence. The reach was chosen on the one ankle of `_from_bounds`."""
 _SAME = 0.1
 """Nats that a fit may cost more than the one it began at, and still be kept for its later derivatives. Chosen: no
 candidate is more likely than another for less."""
