@@ -105,7 +105,7 @@ def test_power_grows_with_the_size_of_the_gap() -> None:
 
 def test_an_effect_that_is_far_likelier_than_the_constants_alone_is_a_gap() -> None:
     """Though lengths show none; of gains by chance, of one and of two parameters, no more than the stated rate are."""
-    nothing = Detection(1.0, gap=False, probability=0.0, ratio=1.0, effect="", explained=1.0, unexplained=1.0)
+    nothing = Detection(1.0, gap=False, probability=0.0, ratio=1.0, explained=1.0, unexplained=1.0)
     assert by_likelihood(nothing, [(0.3, 1), (15.0, 1)], CONSTANTS).gap
     assert not by_likelihood(nothing, [(3.0, 1), (5.0, 2), (-2.0, 1)], CONSTANTS).gap
     assert not by_likelihood(nothing, [], CONSTANTS).gap
@@ -120,20 +120,20 @@ def test_an_effect_that_is_far_likelier_than_the_constants_alone_is_a_gap() -> N
 
 def test_where_none_of_the_effects_is_the_answer_likelihoods_count_and_lengths_along_effects_do_not() -> None:
     """A torn tendon that leaves much, as a second fault of the machine does, is a gap beside none of them, too."""
-    along = Detection(1e-9, gap=True, probability=1.0, ratio=1.0, effect="torn", explained=1e-9, unexplained=0.5)
+    along = Detection(1e-9, gap=True, probability=1.0, ratio=1.0, explained=1e-9, unexplained=0.5)
     assert not without_directions(by_likelihood(along, [(4.0, 1)], CONSTANTS), CONSTANTS).gap
     assert without_directions(by_likelihood(along, [(9.0, 1)], CONSTANTS), CONSTANTS).gap
-    left = Detection(1e-9, gap=True, probability=1.0, ratio=9.0, effect="", explained=1.0, unexplained=1e-9)
+    left = Detection(1e-9, gap=True, probability=1.0, ratio=9.0, explained=1.0, unexplained=1e-9)
     assert without_directions(left, CONSTANTS).gap
 
 
 def test_one_signal_that_is_far_off_is_a_gap_though_the_others_hide_it() -> None:
     """Machines differ in how far the signal is that is farthest off; no more than the stated rate of them are a gap."""
-    quiet = Detection(1.0, gap=False, probability=0.0, ratio=0.2, effect="", explained=1.0, unexplained=1.0)
+    quiet = Detection(1.0, gap=False, probability=0.0, ratio=0.2, explained=1.0, unexplained=1.0)
     assert not by_signals(quiet, 1.5, CONSTANTS).gap
     found = by_signals(quiet, 9.0, CONSTANTS)
     assert found.gap
-    assert (found.farthest, found.effect) == (3.0, "")
+    assert found.farthest == 3.0
     assert without_directions(found, CONSTANTS).gap
     p_values = [by_signals(quiet, ratio, CONSTANTS).p_value for ratio in (0.5, 1.0, 2.0, 4.0, 8.0)]
     assert p_values == sorted(p_values, reverse=True)
@@ -149,7 +149,6 @@ def test_a_gap_that_no_effect_explains_is_seen_altogether() -> None:
     doubled = replace(difference, whitened=2.0 * difference.whitened)
     found = detect(doubled, squared(doubled), fits(doubled), CONSTANTS)
     assert found.gap
-    assert found.effect == ""
     assert found.ratio == pytest.approx(4.0, rel=0.4)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mujoco import minimize  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_gap import Verdict, diagnose_mujoco, features_of, layout_of, measured, run_of_arrays
+from jammkle_gap import diagnose_mujoco, features_of, layout_of, measured, run_of_arrays
 from studies.any_robot.machines import OUTSIDE, ROBOTS, SINGLES, Fault, able, machine_of, put_fault, record
 
 if TYPE_CHECKING:
@@ -235,18 +235,3 @@ class Rivals:
 
 _MOST_STEPS = 6
 """Effects that stepwise selection may take up."""
-
-
-def outcome(case: Case) -> str:
-    """Return what became of a case: right, in the set, part, wrong for certain, unsure."""
-    sure = case.verdict == Verdict.EFFECTS.value
-    if case.kind in {"none", "outside"}:
-        right = Verdict.NO_GAP.value if case.kind == "none" else Verdict.UNKNOWN.value
-        return "right" if case.verdict == right else "wrong" if sure else "in the set" if () in case.named else "unsure"
-    if case.first == case.truth:
-        return "right" if sure else "first"
-    if case.truth in case.named:
-        return "in the set"
-    if sure:
-        return "part" if set(case.first) < set(case.truth) else "wrong"
-    return "missed"

@@ -19,7 +19,7 @@ from scipy.stats import binomtest  # type: ignore[import-untyped]  # carries no 
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import run as run_command
 from jammkle_common.command.results import make_folder
-from studies.blind.observer import NAMEABLE, Observer
+from studies.blind.observer import EXERCISES, LANDINGS, NAMEABLE, Observer
 from studies.blind.trial import run_case
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ def blind(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of cases and keys.")] = Path("runs/blind"),
     seed: Annotated[int, typer.Option(help="Of the first case; below 1000: for development.")] = STANDARD_SEED,
     cases: Annotated[int, typer.Option(help="How many.")] = STANDARD_CASES,
-    since: Annotated[bool, typer.Option("--since", help="Hand over five healthy runs of every exercise.")] = False,  # noqa: FBT002
+    since: Annotated[bool, typer.Option("--since", help="Hand over five healthy runs of each.")] = False,  # noqa: FBT002
+    landings: Annotated[bool, typer.Option("--landings", help="Landings in the place of exercises.")] = False,  # noqa: FBT002
     further: Annotated[int, typer.Option(help="Exercises that the diagnosis may ask for.")] = 3,
     jobs: Annotated[int, typer.Option(help="Cases at a time.")] = 2,
 ) -> int:
@@ -54,11 +55,11 @@ def blind(
             msg = f"{name} {value} must be {low} or more"
             raise InputError(msg)
     make_folder(output)
-    file = output / ("since.jsonl" if since else "cases.jsonl")
+    file = output / f"{'landings' if landings else 'cases'}{'_since' if since else ''}.jsonl"
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     wanted = range(seed, seed + cases)
     left = [each for each in wanted if each not in {one["truth"]["seed"] for one in done}]
-    observer = Observer(output / "observer")
+    observer = Observer(output / "observer", LANDINGS if landings else EXERCISES)
     tasks = (delayed(run_case)(each, observer, output, further=further, since=since) for each in left)
     with file.open("a") as kept:
         for case in Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks):

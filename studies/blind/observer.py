@@ -20,6 +20,7 @@ from scipy.stats import norm  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap import Whitener, features_of, layout_of, measured
 from studies.blind import reality
+from studies.blind.reality import landing
 from studies.blind.reality.faults import FAULTS, FaultSetting, eras
 from studies.blind.reality.machine import STILL, Machine
 from studies.blind.reality.run import RIGS
@@ -34,12 +35,19 @@ if TYPE_CHECKING:
 
     from jammkle_gap import Layout, Recording
     from studies.blind.reality.faults import Fault
+    from studies.blind.reality.sensors import Option
 
     Floats = NDArray[np.float64]
 
-EXERCISES: Final = ("cycle", "press", "shake", "tilt")
+EXERCISES: Final = tuple(Plan(name, {}) for name in ("cycle", "press", "shake", "tilt"))
+LANDINGS: Final = (
+    Plan("landing", {}),
+    Plan("landing", {"jam": "before"}),
+    Plan("landing", {"jam": "never", "slope_deg": 15.0}),
+)
+"""What a robot brings back from the field. Chosen: jammed at the blow, before it, and not at all on gentler ground."""
 REPEATS: Final = 3
-"""Of every exercise; the least that shows what differs from run to run."""
+"""Of every run; the least that shows what differs from one to the next."""
 NAMEABLE: Final = float(2.0 * norm.ppf(0.99))
 """Standard deviations to the best rival from which on the observer names an effect with 99 %."""
 _SPECIMENS = 60
@@ -49,18 +57,18 @@ _RIVAL_SHARE = 0.3
 """Of its range at which a rival is simulated; its signature is taken to grow in proportion. Chosen: the middle of the
 sizes in a trial."""
 _UNSEEN = ("load_cell", "late_load_cell", "rail", "dented_rail", "cable")
-"""Beginnings of the names of faults that no exercise has: there is no load cell and no rail."""
+"""Beginnings of the names of faults that are on no robot: there is no load cell and no rail."""
 _MOVED = ("press", "shake")
 """Exercises whose IMU says how the shank was moved, and is no answer of the foot."""
 
 
 class Observer:
-    """Knows what every fault makes of the exercises, and how much of that tolerances and days could make as well."""
+    """Knows what every fault makes of what is recorded, and how much of that tolerances and days could make as well."""
 
     def __init__(
         self,
         folder: Path,
-        exercises: Sequence[str] = EXERCISES,
+        plans: Sequence[Plan] = EXERCISES,
         faults: Mapping[str, Fault] = FAULTS,
         specimens: int = _SPECIMENS,
     ) -> None:
@@ -68,12 +76,12 @@ class Observer:
 
         Args:
             folder: Where simulations are kept.
-            exercises: That are recorded.
+            plans: What is recorded.
             faults: That may be there.
             specimens: Drawn, for the covariance of the tolerances.
 
         """
-        self._exercises = tuple(exercises)
+        self.plans = tuple(plans)
         self._simulated = joblib.Memory(folder / _version(), verbose=0).cache(_features)
         self.faults = {name: fault for name, fault in faults.items() if not name.startswith(_UNSEEN)}
         self._nominal = self._of()
@@ -117,8 +125,8 @@ class Observer:
         return float(np.sqrt(max(least, 0.0)))
 
     def _of(self, **case: Any) -> Floats:
-        """Return the features of all exercises, of `_features`."""
-        return np.concatenate([self._simulated(exercise, **case) for exercise in self._exercises])
+        """Return the features of all that is recorded, of `_features`."""
+        return np.concatenate([self._simulated(plan, **case) for plan in self.plans])
 
     def _all(self, cases: Sequence[Mapping[str, Any]]) -> list[Floats]:
         """Return the features of several cases, simulated side by side."""
@@ -126,8 +134,11 @@ class Observer:
 
     def _whitener(self, specimens: int) -> Whitener:
         """Return what whitens by sensors and days, as the mean of repeats has them, and by the tolerances."""
-        floor = np.concatenate([_floor(exercise) for exercise in self._exercises])
-        days = np.array(self._all([{"day": (each.name, each.sigma)} for each in DAY]))
+        floor = np.concatenate([_floor(plan) for plan in self.plans])
+        deviations = [(each.name, each.sigma) for each in DAY]
+        if any(plan.rig == "landing" for plan in self.plans):
+            deviations += landing.RUNS.items()
+        days = np.array(self._all([{"day": each} for each in deviations]))
         drawn = np.array(self._all([{"seed": seed} for seed in range(1, specimens + 1)]))
         tolerance = (drawn - drawn.mean(axis=0)) / np.sqrt(specimens - 1)
         return Whitener(np.square(floor) / REPEATS, np.vstack([(days - self._nominal) / np.sqrt(REPEATS), tolerance]).T)
@@ -145,39 +156,45 @@ def _ends(fault: Fault) -> list[FaultSetting]:
 
 
 def _features(
-    exercise: str, seed: int | None = None, wrong: Sequence[FaultSetting] = (), day: tuple[str, float] | None = None
+    plan: Plan, seed: int | None = None, wrong: Sequence[FaultSetting] = (), day: tuple[str, float] | None = None
 ) -> Floats:
-    """Return the features of an exercise without noise.
+    """Return the features of a run without noise.
 
     Args:
-        exercise: With its default options.
+        plan: What is recorded.
         seed: Of the specimen; None: the machine as drawn.
         wrong: What is wrong with it.
-        day: A deviation of the machine as drawn, from `DAY`, by name; None: none.
+        day: A deviation by its name in `DAY`, of the machine as drawn, or in `landing.RUNS`, of the plan; None: none.
 
     """
-    machine = built({} if day is None else dict([day])) if seed is None else specimen(seed)
-    run = _recorded(exercise, machine, wrong)
-    return np.nan_to_num(features_of(_layout(exercise), run, measured(run), None))
+    machine, done = Machine() if seed is None else specimen(seed), plan
+    if day is not None and day[0] in landing.RUNS:
+        if plan.rig == "landing":
+            off = {day[0]: float(plan.options.get(day[0], landing.DEFAULTS[day[0]])) + day[1]}
+            done = dataclasses.replace(plan, options={**plan.options, **off})
+    elif day is not None:
+        machine = built(dict([day]))
+    run = _recorded(done, machine, wrong)
+    return np.nan_to_num(features_of(_layout(plan.rig, tuple(plan.options.items())), run, measured(run), None))
 
 
 @lru_cache
-def _layout(exercise: str) -> Layout:
-    run = _recorded(exercise, Machine(), ())
-    return layout_of([run], _BIN_S, None)
+def _layout(rig: str, options: tuple[tuple[str, Option], ...]) -> Layout:
+    return layout_of([_recorded(Plan(rig, dict(options)), Machine(), ())], _BIN_S, None)
 
 
-def _floor(exercise: str) -> Floats:
+def _floor(plan: Plan) -> Floats:
     """Return the noise of the features, that of the signals of a run with noise: one without would have none."""
-    quiet, noisy = _layout(exercise), layout_of([_recorded(exercise, Machine(), (), seed=1)], _BIN_S, None)
+    quiet = _layout(plan.rig, tuple(plan.options.items()))
+    noisy = layout_of([_recorded(plan, Machine(), (), seed=1)], _BIN_S, None)
     levels = dict(zip(noisy.signals, np.median(noisy.by_signal(noisy.floor), axis=1), strict=True))
     return np.repeat([levels[name] for name in quiet.signals], quiet.bins).astype(float)
 
 
-def _recorded(exercise: str, machine: Machine, wrong: Sequence[FaultSetting], seed: int = STILL) -> Recording:
+def _recorded(plan: Plan, machine: Machine, wrong: Sequence[FaultSetting], seed: int = STILL) -> Recording:
     """Return a run as a robot's sensors read it, without chance unless it has a seed."""
-    run = recording_of_real(RIGS[exercise](Plan(exercise, {}), eras(machine, wrong, FAULTS), seed), exercise)
-    hidden = ("carriage/", "imu/") if exercise in _MOVED else ("carriage/",)
+    run = recording_of_real(RIGS[plan.rig](plan, eras(machine, wrong, FAULTS), seed), plan.rig)
+    hidden = ("carriage/", "imu/") if plan.rig in _MOVED else ("carriage/",)
     return dataclasses.replace(run, signals=tuple(each for each in run.signals if not each.name.startswith(hidden)))
 
 

@@ -31,7 +31,7 @@ from jammkle_gap import (
     with_settings,
 )
 from studies.blind.bags import write_run
-from studies.blind.observer import EXERCISES, NAMEABLE, REPEATS
+from studies.blind.observer import NAMEABLE, REPEATS
 from studies.blind.reality.faults import FAULTS, FaultSetting
 from studies.blind.reality.run import run
 from studies.blind.reality.sensors import Plan
@@ -50,7 +50,7 @@ _SMALLEST: Final = 0.1
 """Share of its range from which on a fault is drawn, evenly in its logarithm. Chosen: the observer, whose equations are
 the machine's, names most faults at a hundredth of their range; a builder looks for those that matter."""
 REFERENCES: Final = 5
-"""Healthy runs of each exercise, where what has changed since is asked."""
+"""Healthy runs of each plan, where what has changed since is asked."""
 _NOT_OF_ROBOTS = ("load_cell/", "carriage/")
 _INSTRUMENTED = ("/tension", "/extension")
 _LOCATIONS = {"air": ("pneumatics",), "sensing": ("sensing", "timing"), "timing": ("sensing", "timing")}
@@ -164,23 +164,21 @@ class Maker:
         self._truth, self._folder = truth, folder
         self._seeds = np.random.default_rng([truth.seed, 36]).integers(1, 2**31, 4096).tolist()
 
-    def record(self, exercise: str, options: Mapping[str, float], count: int = REPEATS) -> list[Path]:
-        """Return bags of an exercise with what is wrong."""
+    def record(self, plan: Plan, count: int = REPEATS) -> list[Path]:
+        """Return bags of runs with what is wrong."""
         faults = [FaultSetting(name, values) for name, values in self._truth.faults]
-        return self._recorded(exercise, options, faults, count, "run")
+        return self._recorded(plan, faults, count, "run")
 
-    def record_healthy(self, exercise: str, count: int) -> list[Path]:
-        """Return bags of an exercise of the same specimen in order."""
-        return self._recorded(exercise, {}, (), count, "healthy")
+    def record_healthy(self, plan: Plan, count: int) -> list[Path]:
+        """Return bags of runs of the same specimen in order."""
+        return self._recorded(plan, (), count, "healthy")
 
-    def _recorded(
-        self, exercise: str, options: Mapping[str, float], faults: Sequence[FaultSetting], count: int, label: str
-    ) -> list[Path]:
+    def _recorded(self, plan: Plan, faults: Sequence[FaultSetting], count: int, label: str) -> list[Path]:
         made = []
         for _ in range(count):
             path = self._folder / f"{label}_{len(self._seeds)}"
             seed = self._seeds.pop()
-            write_run(run(Plan(exercise, dict(options)), specimen(self._truth.machine), faults, seed), path)
+            write_run(run(plan, specimen(self._truth.machine), faults, seed), path)
             made.append(path)
         return made
 
@@ -192,7 +190,7 @@ def run_case(
 
     Args:
         seed: Of everything.
-        observer: Says how large faults are.
+        observer: Says what is recorded, and how large faults are.
         folder: Of the trial; bags are removed again.
         further: Exercises that may be asked for.
         since: Whether healthy runs of the same specimen are handed over.
@@ -206,10 +204,8 @@ def run_case(
         each.mkdir(parents=True, exist_ok=True)
     (keys / f"{seed}.json").write_text(json.dumps(dataclasses.asdict(truth), indent=1), encoding="utf-8")
     maker = Maker(truth, bags)
-    runs = [path for exercise in EXERCISES for path in maker.record(exercise, {})]
-    references = (
-        [path for exercise in EXERCISES for path in maker.record_healthy(exercise, REFERENCES)] if since else []
-    )
+    runs = [path for plan in observer.plans for path in maker.record(plan)]
+    references = [path for plan in observer.plans for path in maker.record_healthy(plan, REFERENCES)] if since else []
     answers = diagnosed(runs, references, maker.record, further, jobs)
     shutil.rmtree(bags)
     return {"truth": dataclasses.asdict(truth), "answers": [dataclasses.asdict(each) for each in answers]}
@@ -218,7 +214,7 @@ def run_case(
 def diagnosed(
     bags: Sequence[Path],
     references: Sequence[Path],
-    record: Callable[[str, Mapping[str, float]], list[Path]],
+    record: Callable[[Plan], list[Path]],
     further: int,
     jobs: int,
 ) -> list[Answer]:
@@ -236,15 +232,14 @@ def diagnosed(
         found.append(_answer(said, evidence, *spent))
         if not found[-1].asked or len(found) > further:
             return found
-        exercise, options = asked_for(found[-1].asked)
-        runs += _read(record(exercise, options))
+        runs += _read(record(asked_for(found[-1].asked)))
 
 
-def asked_for(name: str) -> tuple[str, dict[str, float]]:
-    """Return exercise and options of an experiment's name, `exercise NAME -p OPTION:=VALUE`."""
+def asked_for(name: str) -> Plan:
+    """Return what is to be recorded for an experiment's name, `exercise NAME -p OPTION:=VALUE`."""
     _, exercise, *words = name.split()
     pairs = [word.split(":=") for word in words if ":=" in word]
-    return exercise, {key: float(value) for key, value in pairs}
+    return Plan(exercise, {key: float(value) for key, value in pairs})
 
 
 def _read(bags: Sequence[Path]) -> list[Recording]:

@@ -79,32 +79,6 @@ _PACKAGE = "jammkle_gap.ankle"
 _CHANGES = f"{_PACKAGE}.changes"
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One entry at one place, checked."""
-
-    family: str
-    place: str
-    subsystem: str
-    sentence: str
-    parameters: tuple[EffectParameter, ...]
-    file: str
-    """Python file with the changes; empty for the package's own."""
-    function: str
-    input_function: str
-
-
-def effect_files() -> list[str]:
-    """Return the names of the package's files that hold effects, sorted."""
-    found = [file.name for file in _folder().iterdir() if file.name.endswith(".yaml")]
-    return sorted(set(found) - {MACHINE, RUN})
-
-
-def own_table(file: str) -> Any:
-    """Return what stands in one of the package's files."""
-    return yaml.safe_load((_folder() / file).read_text(encoding="utf-8"))
-
-
 def read_yaml(file: Path, what: str) -> Any:
     """Return what stands in a YAML file.
 
@@ -128,8 +102,8 @@ def read_yaml(file: Path, what: str) -> Any:
         raise BadEffectError(msg) from error
 
 
-def entries_of(file: Path | None, table: Any, *, with_priors: bool = False) -> Iterator[Entry]:
-    """Give every entry of a table, once per place.
+def _effects_of(file: Path | None, table: Any, *, with_priors: bool = False) -> Iterator[AnkleEffect]:
+    """Give the effect of every entry of a table, once per place.
 
     Args:
         file: Where it was read; None for the package's own.
@@ -154,13 +128,14 @@ def entries_of(file: Path | None, table: Any, *, with_priors: bool = False) -> I
         if not isinstance(places, list):
             msg = f"effect '{family}' has places '{places}'; write a list, such as [{places}]"
             raise BadEffectError(msg)
-        for place in places:
-            yield Entry(
-                family=str(family),
-                place=str(place),
+        for place in map(str, places):
+            yield AnkleEffect(
+                name=f"{family}_{place}" if place else str(family),
                 subsystem=str(entry["subsystem"]),
-                sentence=_sentence(str(entry["sentence"]), str(place)),
                 parameters=_parameters(str(family), entry["parameters"], with_priors=with_priors),
+                sentence=_sentence(str(entry["sentence"]), place),
+                family=str(family),
+                place=place,
                 file=source,
                 function=changes["change"],
                 input_function=changes["inputs"],
@@ -191,6 +166,10 @@ def change_of(file: str, function: str) -> Callable[..., Any]:
 
 def _folder() -> Any:
     return resources.files(_PACKAGE) / "library"
+
+
+def _own_table(file: str) -> Any:
+    return yaml.safe_load((_folder() / file).read_text(encoding="utf-8"))
 
 
 def _sentence(text: str, place: str) -> str:
@@ -358,7 +337,7 @@ def ankle_library(file: Path | None = None) -> Library:
     """
     effects = list(_own_effects())
     if file is not None:
-        effects += map(_effect, entries_of(file, read_yaml(file, "library")))
+        effects += _effects_of(file, read_yaml(file, "library"))
     return Library(tuple(effects))
 
 
@@ -368,7 +347,7 @@ def machine_constants() -> Library:
 
     Every parameter is a `priors.PriorParameter`; its null is the simulator's constant.
     """
-    return Library(tuple(map(_effect, entries_of(None, own_table(MACHINE), with_priors=True))))
+    return Library(tuple(_effects_of(None, _own_table(MACHINE), with_priors=True)))
 
 
 @lru_cache(maxsize=1)
@@ -377,7 +356,7 @@ def run_scatter() -> Library:
 
     Every parameter is a `priors.PriorParameter`.
     """
-    return Library(tuple(map(_effect, entries_of(None, own_table(RUN), with_priors=True))))
+    return Library(tuple(_effects_of(None, _own_table(RUN), with_priors=True)))
 
 
 def apply_effects(rig: Rig, library: Library, values: Mapping[str, float]) -> Rig:
@@ -449,19 +428,5 @@ def _chosen(library: Library, values: Mapping[str, float]) -> Iterator[tuple[Ank
 
 @lru_cache(maxsize=1)
 def _own_effects() -> tuple[AnkleEffect, ...]:
-    tables = [own_table(file) for file in effect_files()]
-    return tuple(_effect(entry) for table in tables for entry in entries_of(None, table))
-
-
-def _effect(entry: Entry) -> AnkleEffect:
-    return AnkleEffect(
-        name=f"{entry.family}_{entry.place}" if entry.place else entry.family,
-        subsystem=entry.subsystem,
-        parameters=entry.parameters,
-        sentence=entry.sentence,
-        family=entry.family,
-        place=entry.place,
-        file=entry.file,
-        function=entry.function,
-        input_function=entry.input_function,
-    )
+    files = {file.name for file in _folder().iterdir() if file.name.endswith(".yaml")} - {MACHINE, RUN}
+    return tuple(effect for file in sorted(files) for effect in _effects_of(None, _own_table(file)))

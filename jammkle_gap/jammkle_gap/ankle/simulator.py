@@ -14,7 +14,7 @@ import numpy as np
 from jammkle_common import names
 from jammkle_common.parameters import ParameterError
 from jammkle_gap.ankle.corrected import Correction, load_correction
-from jammkle_gap.ankle.effects import ankle_library, apply_effects, apply_to_inputs, machine_constants, run_scatter
+from jammkle_gap.ankle.effects import apply_effects, apply_to_inputs, machine_constants, run_scatter
 from jammkle_gap.ankle.inputs import (
     AnkleInputs,
     drawing_of,
@@ -63,9 +63,6 @@ class AnkleSimulator:
 
     library: Library
     """Effects whose parameters it takes, beside those of the machine and of the run."""
-    machine: tuple[tuple[str, float], ...] = ()
-    """What this very machine is like, by parameters of the package's effects and of the machine: those of a call come
-    on top."""
 
     def __call__(self, recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Run again what was commanded; see `core.simulate.Simulator`.
@@ -85,8 +82,7 @@ class AnkleSimulator:
     def recording(self, recording: Recording, values: Mapping[str, float]) -> Recording:
         """Return a recording with effects in its inputs; the same recording where none changes them."""
         given = inputs_of(recording)
-        inputs = apply_to_inputs(given, _package(), dict(self.machine))
-        inputs = apply_to_inputs(inputs, self._all, values)
+        inputs = apply_to_inputs(given, self._all, values)
         return recording if inputs is given else dataclasses.replace(recording, inputs=inputs)
 
     def rig(self, recording: Recording, values: Mapping[str, float]) -> Rig:
@@ -95,41 +91,31 @@ class AnkleSimulator:
 
     def _rig(self, inputs: AnkleInputs, values: Mapping[str, float]) -> Rig:
         drawn = {key: value for key, value in values.items() if key in _drawn_keys()}
-        built = _built(drawing_of(inputs), self.machine, tuple(drawn.items()))
+        built = _built(drawing_of(inputs), tuple(drawn.items()))
         return apply_effects(built, self.library, {key: each for key, each in values.items() if key not in drawn})
 
     @cached_property
     def _all(self) -> Library:
-        drawn = Library((*machine_constants(), *run_scatter()))
-        known = {effect.name for effect in drawn}
+        known = {effect.name for effect in _drawn()}
         # A correction brings the constants of the machine with it.
-        return Library((*drawn, *(effect for effect in self.library if effect.name not in known)))
+        return Library((*_drawn(), *(effect for effect in self.library if effect.name not in known)))
 
 
 @lru_cache(maxsize=1)
-def _package() -> Library:
-    """Return all that the package can change."""
-    return Library((*machine_constants(), *run_scatter(), *ankle_library()))
+def _drawn() -> Library:
+    """Return what no two machines and no two runs have the same."""
+    return Library((*machine_constants(), *run_scatter()))
 
 
 @lru_cache(maxsize=1)
 def _drawn_keys() -> frozenset[str]:
-    """Return the parameters of the machine and of the run."""
-    return frozenset(each.key(one) for each in (*machine_constants(), *run_scatter()) for one in each.parameters)
+    return frozenset(each.key(one) for each in _drawn() for one in each.parameters)
 
 
 @lru_cache(maxsize=8)
-def _built(drawing: Drawing, machine: Values, drawn: Values) -> Rig:
-    """Return a rig as a machine and a run have it, kept, as a search has it the same in all of its runs.
-
-    Args:
-        drawing: Of the nominal rig.
-        machine: What this very machine is like.
-        drawn: Parameters of the machine and of the run that come on top.
-
-    """
-    built = apply_effects(rig_of(drawing), _package(), dict(machine))
-    return apply_effects(built, _package(), dict(drawn))
+def _built(drawing: Drawing, drawn: Values) -> Rig:
+    """Return a rig as a machine and a run have it, kept, as a search has it the same in all of its runs."""
+    return apply_effects(rig_of(drawing), _drawn(), dict(drawn))
 
 
 @dataclass(frozen=True)

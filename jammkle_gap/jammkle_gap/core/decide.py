@@ -106,8 +106,6 @@ class Detection:
     """Of a gap, with even odds beforehand."""
     ratio: float
     """Squared length of the difference per feature, in what healthy runs leave; 1: no gap."""
-    effect: str
-    """Along which effect it is longest; empty: along none in particular."""
     explained: float
     """Probability of a gain as large along any effect in a healthy machine."""
     unexplained: float
@@ -141,29 +139,23 @@ def detect(
         whole: What is tested altogether, with its length, where that is whitened otherwise; None: the same.
 
     """
-    best, effect = 1.0, ""
+    best = 1.0
     for fit in singles:
-        gain = length - fit.left
-        count = len(fit.values)
-        spread = spread_along(difference, fit.signature, constants)
-        chance = float(stats.f.sf(gain / (count * spread.variance), count, spread.freedom))
-        if chance < best:
-            best, effect = chance, "+".join(fit.names)
+        count, spread = len(fit.values), spread_along(difference, fit.signature, constants)
+        gain = (length - fit.left) / (count * spread.variance)
+        best = min(best, float(stats.f.sf(gain, count, spread.freedom)))
     explained = min(1.0, best * max(len(singles), 1, constants.tested_effects))
     tested, left = whole or (difference, length)
     ratio = left / tested.whitened.size / max(tested.healthy, constants.least_healthy)
     unexplained = _altogether(tested, ratio, constants)
-    p_value = min(1.0, 2.0 * min(explained, unexplained))
-    gap = p_value < constants.false_alarm_rate
-    return Detection(
-        p_value,
-        gap,
-        probability_of_gap(p_value, constants),
-        ratio,
-        effect if explained <= unexplained else "",
-        explained,
-        unexplained,
-    )
+    untested = Detection(1.0, gap=False, probability=0.0, ratio=ratio, explained=explained, unexplained=unexplained)
+    return _of_smallest(untested, min(1.0, 2.0 * min(explained, unexplained)), constants)
+
+
+def _of_smallest(detection: Detection, p_value: float, constants: Constants, **parts: float) -> Detection:
+    """Return a test by its probability, with other parts."""
+    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
+    return replace(detection, p_value=p_value, gap=gap, probability=probability, **parts)
 
 
 def without_directions(detection: Detection, constants: Constants) -> Detection:
@@ -171,9 +163,7 @@ def without_directions(detection: Detection, constants: Constants) -> Detection:
 
     A length along an effect is then that of constants that were not fitted to quite. A likelihood is of finished fits.
     """
-    p_value = min(1.0, 2.0 * min(detection.likelier, detection.unexplained))
-    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
-    return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
+    return _of_smallest(detection, min(1.0, 2.0 * min(detection.likelier, detection.unexplained)), constants)
 
 
 def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], constants: Constants) -> Detection:
@@ -194,8 +184,7 @@ def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], cons
     likelier = min(1.0, smallest * max(len(gains), constants.tested_effects))
     explained = min(1.0, 2.0 * min(detection.explained, likelier))
     p_value = min(1.0, 2.0 * min(explained, detection.unexplained))
-    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
-    return replace(detection, p_value=p_value, gap=gap, probability=probability, explained=explained, likelier=likelier)
+    return _of_smallest(detection, p_value, constants, explained=explained, likelier=likelier)
 
 
 def by_signals(detection: Detection, ratio: float, constants: Constants) -> Detection:
@@ -215,15 +204,7 @@ def by_signals(detection: Detection, ratio: float, constants: Constants) -> Dete
     own = float(stats.t.sf(statistic, constants.length_prior_freedom))
     unexplained = min(1.0, 2.0 * min(detection.unexplained, own))
     p_value = min(1.0, 2.0 * min(detection.explained, unexplained))
-    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
-    return replace(
-        detection,
-        p_value=p_value,
-        gap=gap,
-        probability=probability,
-        unexplained=unexplained,
-        farthest=float(np.sqrt(ratio)),
-    )
+    return _of_smallest(detection, p_value, constants, unexplained=unexplained, farthest=float(np.sqrt(ratio)))
 
 
 def beyond_tolerance(
@@ -245,10 +226,7 @@ def beyond_tolerance(
     if _as_drawn(beside) < _DRAWN:
         return detection
     p_value = min(1.0, 3.0 * min(detection.explained, detection.unexplained, _as_drawn(alone)))
-    if p_value >= detection.p_value:
-        return detection
-    gap, probability = p_value < constants.false_alarm_rate, probability_of_gap(p_value, constants)
-    return replace(detection, p_value=p_value, gap=gap, probability=probability, effect="")
+    return detection if p_value >= detection.p_value else _of_smallest(detection, p_value, constants)
 
 
 _DRAWN = 0.05

@@ -36,7 +36,7 @@ DEFAULTS: dict[str, Option] = {
 JAMS = ("never", "before", "after")
 _REST_S, _REACTION_S = 2.0, 0.02
 _STEP_S = 1e-4
-_HEIGHT_M, _FRICTION = 0.0005, 0.01
+RUNS = {"drop_height_m": 0.0005, "friction": 0.01}
 """Standard deviations over runs. Declared."""
 
 
@@ -63,7 +63,7 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     stand = Stand(
         mass_kg=float(chosen["mass_kg"]),
         toe_m=first.leg.toe_m,
-        friction=max(float(chosen["friction"]) + _FRICTION * rougher, 0.0),
+        friction=max(float(chosen["friction"]) + RUNS["friction"] * rougher, 0.0),
         slope_rad=slope_rad,
         touch_m=touch_m,
     )
@@ -77,7 +77,7 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
 
     scene = Scene(
         law=law,
-        height_m=touch_m + max(fall_m + _HEIGHT_M * higher, 0.0),
+        height_m=touch_m + max(fall_m + RUNS["drop_height_m"] * higher, 0.0),
         leg_pitch_rad=0.0,
         foot_pitch_rad=first.leg.hung_rad,
         free_m=free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m),

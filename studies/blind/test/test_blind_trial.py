@@ -13,6 +13,7 @@ from studies.blind import trial
 from studies.blind.__main__ import figures, is_first, is_wrong
 from studies.blind.observer import NAMEABLE, Observer
 from studies.blind.reality.faults import FAULTS, FaultSetting
+from studies.blind.reality.sensors import Plan
 from studies.blind.signals import DAY
 from studies.blind.trial import Maker, Truth, asked_for, diagnosed, truth_of
 
@@ -28,7 +29,7 @@ def observer(tmp_path_factory: pytest.TempPathFactory) -> Observer:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observing, "DAY", DAY[:2])
         faults = {name: FAULTS[name] for name in _FAULTS}
-        return Observer(tmp_path_factory.mktemp("observer"), ("cycle",), faults, specimens=8)
+        return Observer(tmp_path_factory.mktemp("observer"), [Plan("cycle", {})], faults, specimens=8)
 
 
 def leak(diameter_m: float) -> FaultSetting:
@@ -44,8 +45,8 @@ def test_a_larger_fault_is_further_from_its_rivals(observer: Observer) -> None:
 
 def test_the_observer_has_the_noise_of_the_sensors() -> None:
     """Its signatures are of runs without noise, in which a gyroscope's offset of nothing would be seen."""
-    floor = observing._floor("cycle").reshape(-1, observing._layout("cycle").bins)
-    levels = dict(zip(observing._layout("cycle").signals, floor[:, 0], strict=True))
+    layout = observing._layout("cycle", ())
+    levels = dict(zip(layout.signals, observing._floor(Plan("cycle", {})).reshape(-1, layout.bins)[:, 0], strict=True))
     assert levels["imu/angular_velocity_x"] > 1e-4
     assert levels["imu/specific_force_z"] > 1e-3
 
@@ -69,8 +70,8 @@ def test_kinds_hold_so_many_faults_and_a_seed_gives_the_same_case(observer: Obse
 def test_a_bag_says_what_was_done_and_not_what_is_wrong(tmp_path: Path) -> None:
     truth = Truth(1, "single", 7, (("leak_achilles", {"diameter_m": 2e-4}),), ("line_leak_achilles",))
     maker = Maker(truth, tmp_path)
-    (faulty,) = maker.record("cycle", {"vacuum_pa": 20e3}, 1)
-    (healthy,) = maker.record_healthy("cycle", 1)
+    (faulty,) = maker.record(Plan("cycle", {"vacuum_pa": 20e3}), 1)
+    (healthy,) = maker.record_healthy(Plan("cycle", {}), 1)
     (one,), (other,) = load_recordings(faulty), load_recordings(healthy)
     assert dict(one.inputs.options)["vacuum_pa"] == pytest.approx(20e3)
     assert {signal.name for signal in one.signals} == {signal.name for signal in other.signals}
@@ -79,8 +80,9 @@ def test_a_bag_says_what_was_done_and_not_what_is_wrong(tmp_path: Path) -> None:
 
 
 def test_experiments_are_read_as_the_command_reads_them() -> None:
-    assert asked_for("exercise tilt ") == ("tilt", {})
-    assert asked_for("exercise shake -p amplitude_deg:=20 -p to_hz:=4") == ("shake", {"amplitude_deg": 20, "to_hz": 4})
+    assert asked_for("exercise tilt ") == Plan("tilt", {})
+    shake = Plan("shake", {"amplitude_deg": 20, "to_hz": 4})
+    assert asked_for("exercise shake -p amplitude_deg:=20 -p to_hz:=4") == shake
 
 
 @pytest.mark.slow
@@ -90,7 +92,9 @@ def test_a_large_leak_is_found_and_effects_are_ranked_by_error(tmp_path: Path, m
     monkeypatch.setattr(trial, "Constants", lambda: Constants(derivatives_s=0.0))
     truth = Truth(2, "single", 14, (("leak_achilles", {"diameter_m": 2e-4}),), ("line_leak_achilles",))
     maker = Maker(truth, tmp_path)
-    answers = diagnosed(maker.record("cycle", {}, 2), [], lambda *_: pytest.fail("nothing is to be asked for"), 0, -1)
+    answers = diagnosed(
+        maker.record(Plan("cycle", {}), 2), [], lambda *_: pytest.fail("nothing is to be asked for"), 0, -1
+    )
     assert "line_leak_achilles" in answers[-1].first  # another may stand for what the simulator has wrong
     assert answers[-1].verdict in {"EFFECTS", "AMBIGUOUS"}
     # In units of the sensors' noise a leaking membrane, a constant, takes up most of the leak.
