@@ -22,7 +22,7 @@ from jammkle_sim.rigs.options import (
     run_timestep_option,
     seed_option,
 )
-from jammkle_sim.rigs.run import Programme, RigKind
+from jammkle_sim.rigs.run import ROBOT_TOPICS, Programme, RigKind
 from jammkle_sim.rigs.vacuum import VacuumStep
 
 if TYPE_CHECKING:
@@ -73,9 +73,6 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
         new_spec("cycle", options.timestep_s),
         options,
         hung(ankle, options.hang_pitch_deg),
-        start_m=0.0,
-        mass_kg=0.0,
-        friction=0.0,
         pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=still,
     )
@@ -83,7 +80,7 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
         duration_s=_START_S + len(_GROUPS) * period_s,
         vacuum=tuple(schedule),
         evaluate=_results,
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name),
+        topics=ROBOT_TOPICS,
     )
     return rig, programme
 

@@ -220,9 +220,9 @@ def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
     options: Any,
     ankle: AnkleParameters,
     *,
-    start_m: float,
-    mass_kg: float,
-    friction: float,
+    start_m: float = 0.0,
+    mass_kg: float = 0.0,
+    friction: float = 0.0,
     events: tuple[Event, ...] = (),
     pneumatics: PneumaticParameters | None = None,
     guide: NDArray[np.float64] | None = None,
@@ -233,12 +233,12 @@ def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
         spec: The mujoco.MjSpec, with what is in the rig beside the ankle; its name is the rig's.
         options: What the rig was made from, with `seed`, `parameter_set` and `timestep_s`.
         ankle: Constants of the ankle.
-        start_m: Height of the ankle's joint at the start, m.
-        mass_kg: Of the carriage, beside leg and foot.
+        start_m: Height of the ankle's joint at the start, m, of a carriage that is held.
+        mass_kg: Of that carriage, beside leg and foot.
         friction: Coefficient of sliding friction of the foot.
         events: What the rig does by itself.
         pneumatics: Pump, valves and volumes; None: as they stand.
-        guide: How the carriage is guided; None: it is held, and weighs `mass_kg`.
+        guide: How the carriage is guided; None: it is held.
 
     """
     sensors, pneumatics = SensorParameters(seed=options.seed), pneumatics or PneumaticParameters()

@@ -138,8 +138,6 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
         spec,
         options,
         ankle,
-        start_m=0.0,
-        mass_kg=0.0,
         friction=options.friction,
         pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guided_by_poses(options.timestep_s, position_m, turn),

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.vacuum import VacuumStep
 
-LEG_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name)
+ROBOT_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name)
+"""What a robot has sensors for, or a foot that is exercised, beside pressures and commands. Tendons are simulated."""
+LEG_TOPICS = (*ROBOT_TOPICS, names.LOAD_CELL.name)
 """What a rig with a whole leg has sensors for, beside pressures and commands."""
 PRESSURE_RATE_HZ = 100
 """Rate of every pressure of a robot and of what its gait plans, Hz, as on the graph."""
-_ROBOT_TOPICS = (names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name)
 _LOOKS_PER_S = 10
 """How often progress is reported and it is asked whether to go on, per simulated second."""
 _ACCELERATIONS = 3
@@ -284,7 +285,7 @@ def run_robot(
                 raise RigCancelledError(msg)
     description, runs = machine.description(), {}
     for name, ankle in simulation.ankles.items():
-        topics = recorder.topics(name, _ROBOT_TOPICS)
+        topics = recorder.topics(name, ROBOT_TOPICS)
         broken = tuple(tendon.name for tendon in ankle.tendons() if tendon.broken)
         figures = _robot_figures(topics)
         runs[name] = RigRun(machine.name, machine.options, topics, description, figures, broken, (), urdf)

@@ -23,7 +23,7 @@ from jammkle_sim.rigs.options import (
     run_timestep_option,
     seed_option,
 )
-from jammkle_sim.rigs.run import Programme, RigKind
+from jammkle_sim.rigs.run import ROBOT_TOPICS, Programme, RigKind
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -95,9 +95,6 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
         new_spec("shake", options.timestep_s),
         options,
         hung(ankle, options.hang_pitch_deg),
-        start_m=0.0,
-        mass_kg=0.0,
-        friction=0.0,
         pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guide,
     )
@@ -105,7 +102,7 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
         duration_s=end_s,
         vacuum=(all_channels(jam_s, options.vacuum_pa),),
         evaluate=lambda topics: _results(topics, jam_s),
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name),
+        topics=ROBOT_TOPICS,
     )
     return rig, programme
 

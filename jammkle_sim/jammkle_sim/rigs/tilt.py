@@ -24,7 +24,7 @@ from jammkle_sim.rigs.options import (
     run_timestep_option,
     seed_option,
 )
-from jammkle_sim.rigs.run import Programme, RigKind
+from jammkle_sim.rigs.run import ROBOT_TOPICS, Programme, RigKind
 from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
@@ -84,9 +84,6 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
         new_spec("tilt", options.timestep_s),
         options,
         hung(ankle, options.hang_pitch_deg),
-        start_m=0.0,
-        mass_kg=0.0,
-        friction=0.0,
         pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
         guide=guided_by_poses(options.timestep_s, np.zeros((len(grid_s), 3)), turn),
     )
@@ -94,7 +91,7 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
         duration_s=end_s,
         vacuum=(all_channels(jam_s, options.vacuum_pa),),
         evaluate=_results,
-        topics=(names.IMU.name, names.JOINT_STATES.name, names.TENDON_STATES.name),
+        topics=ROBOT_TOPICS,
     )
     return rig, programme
 
