@@ -24,6 +24,18 @@ ANSWER_S = 10.0
 _ALL = -1
 
 
+def check_jobs(jobs: int | None) -> None:
+    """Refuse a number of processes that there cannot be.
+
+    Raises:
+        InputError: it is below 1.
+
+    """
+    if jobs is not None and jobs < 1:
+        msg = f"--jobs {jobs} must be 1 or more"
+        raise InputError(msg)
+
+
 @contextlib.contextmanager
 def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
     """Have what joblib runs in the block run where it was asked for.

@@ -22,7 +22,7 @@ from jammkle_gap.ankle.problem import ankle_problem, experiments
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_gap.ankle.repeats import difference, with_settings
 from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
-from jammkle_gap.backend import backend
+from jammkle_gap.backend import backend, check_jobs
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
 from jammkle_gap.core.effects import BadEffectError, Library
@@ -115,9 +115,7 @@ def check(request: DiagnoseRequest) -> None:
         InputError: an option cannot be used, or a bag is given twice.
 
     """
-    if request.jobs is not None and request.jobs < 1:
-        msg = f"--jobs {request.jobs} must be 1 or more"
-        raise InputError(msg)
+    check_jobs(request.jobs)
     if request.rig is not None and request.rig not in RIGS:
         msg = f"--rig '{request.rig}' does not exist; known are: {', '.join(RIGS)}"
         raise InputError(msg)

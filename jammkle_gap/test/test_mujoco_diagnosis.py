@@ -156,6 +156,12 @@ def test_options_of_an_ankle_are_refused_beside_a_model(
     assert f"{option} {value} is of ankles" in capsys.readouterr().err.strip().splitlines()[-1]
 
 
+def test_no_process_at_all_is_refused_beside_a_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = robot_arm.write_model(tmp_path)
+    assert main(["gap", "diagnose", "--model", str(model), str(tmp_path), "--jobs", "0"]) == 2
+    assert "--jobs 0 must be 1 or more" in capsys.readouterr().err.strip().splitlines()[-1]
+
+
 def test_what_was_decided_is_shown_before_the_search(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,7 @@ import typer
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
 from jammkle_common.yaml_text import YamlError, read_yaml
-from jammkle_gap.backend import backend
+from jammkle_gap.backend import backend, check_jobs
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.result import as_dict
@@ -62,6 +62,7 @@ def diagnose_robot(request: RobotRequest) -> int:
         Interrupted: stopped before anything was known.
 
     """
+    check_jobs(request.jobs)
     results.check_writable(request.json)
     model, joints = _model_of(request.model)
     results.make_folder(request.folder)
