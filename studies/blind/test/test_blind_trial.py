@@ -11,7 +11,7 @@ from jammkle_gap import Constants, Library, ankle_library, ankle_problem, load_r
 from studies.blind import observer as observing
 from studies.blind import trial
 from studies.blind.__main__ import figures, is_first, is_wrong
-from studies.blind.observer import NAMEABLE, Observer
+from studies.blind.observer import LANDINGS, NAMEABLE, Observer
 from studies.blind.reality.faults import FAULTS, FaultSetting
 from studies.blind.reality.sensors import Plan
 from studies.blind.signals import DAY
@@ -77,6 +77,21 @@ def test_a_bag_says_what_was_done_and_not_what_is_wrong(tmp_path: Path) -> None:
     assert {signal.name for signal in one.signals} == {signal.name for signal in other.signals}
     assert "leak" not in faulty.name
     assert all("leak" not in note for note in one.notes)
+
+
+def test_landings_are_recorded_as_they_were_planned(tmp_path: Path) -> None:
+    """A robot that comes back from the field: the diagnosis reads what was landed on, and when it jammed."""
+    maker = Maker(Truth(1, "none", 7), tmp_path)
+    found = [load_recordings(maker.record(plan, 1)[0])[0] for plan in LANDINGS]
+    assert [dict(each.inputs.options)["jam"] for each in found] == ["after", "before", "never"]
+    assert [dict(each.inputs.options)["slope_deg"] for each in found] == [40.0, 40.0, 15.0]
+
+
+def test_how_far_a_leg_falls_differs_from_landing_to_landing_and_not_from_exercise_to_exercise() -> None:
+    higher, landing = ("drop_height_m", 5e-4), LANDINGS[0]
+    assert not np.array_equal(observing._features(landing), observing._features(landing, day=higher))
+    cycle = Plan("cycle", {})
+    assert np.array_equal(observing._features(cycle), observing._features(cycle, day=higher))
 
 
 def test_experiments_are_read_as_the_command_reads_them() -> None:
