@@ -20,12 +20,12 @@ from jammkle_bringup.core.node_table import (
     robot_names_for,
     simulated_time,
 )
-from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised
+from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised, resolved
 
 ARGUMENTS = {
     "hardware": (SIM_HARDWARE, "What stands behind the driver: sim, modbus, or what a package brings along."),
     "port": ("", "Where the board is: a serial device, or tcp://HOST[:PORT]."),
-    "namespace": ("/", "ROS namespace of the ankle."),
+    "namespace": ("", "ROS namespace of the ankle, in that of an including launch file unless it begins with /."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     # Launch has nothing that waits until the nodes have found each other, as `jammkle up` does. Discovery may take 2 s,
     # and an ankle that falls before its controller receives the IMU lands unnoticed; so it hangs for longer.
@@ -46,7 +46,8 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    hardware, namespace = given["hardware"], normalised(given["namespace"])
+    hardware = given["hardware"]
+    namespace = normalised(resolved(context.launch_configurations.get("ros_namespace", ""), given["namespace"]))
     check_hardware(hardware)
     actions = []
     looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()

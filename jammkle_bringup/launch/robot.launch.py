@@ -23,9 +23,9 @@ from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised, resolved
 
 ARGUMENTS = {
     "robot": (Robot.QUADRUPED.value, "What to bring up: leg, quadruped."),
-    "behaviour": ("", "What a simulated one does: stand, walk, drop, slip; empty: what params say, or stand."),
+    "behaviour": ("", "What a simulated one does: stand, walk, drop, slip, hang; empty: what params say, or stand."),
     "hardware": (SIM_HARDWARE, "What stands behind the drivers: sim, modbus (a port each in params), or a package's."),
-    "namespace": ("/", "ROS namespace of the robot; several ankles are in namespaces below, as lf_ankle."),
+    "namespace": ("", "ROS namespace of the robot, as in ankle.launch.py; several ankles are below it, as lf_ankle."),
     "speed": ("1.0", "Simulated time per real time; 0: as fast as possible."),
     "publish_clock": ("true", "Whether this simulation makes /clock; false where another one does."),
     "params": ("", "ROS parameter file (YAML); config/robot.yaml is one to start from."),
@@ -42,7 +42,8 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    robot, hardware, namespace = Robot(given["robot"]), given["hardware"], normalised(given["namespace"])
+    robot, hardware = Robot(given["robot"]), given["hardware"]
+    namespace = normalised(resolved(context.launch_configurations.get("ros_namespace", ""), given["namespace"]))
     check_hardware(hardware)
     actions = []
     files = [given["params"]] if given["params"] else []

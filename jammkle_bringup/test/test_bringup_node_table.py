@@ -6,6 +6,7 @@ import importlib.util
 import re
 import sys
 import types
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,11 +177,18 @@ class Recorded:
         self.named = named
 
 
+@dataclass
+class Context:
+    """Stands in for LaunchContext."""
+
+    launch_configurations: dict[str, str]
+
+
 class Configuration(Recorded):
     """Stands in for LaunchConfiguration."""
 
-    def perform(self, context: dict[str, str]) -> str:
-        return context[self.arguments[0]]
+    def perform(self, context: Context) -> str:
+        return context.launch_configurations[self.arguments[0]]
 
 
 @pytest.fixture
@@ -223,7 +231,7 @@ def load(name: str) -> Any:
 def launched(launch_file: Any, **given: str) -> list[Any]:
     """Return the nodes that a launch file starts, with these arguments and its defaults."""
     defaults = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
-    nodes: list[Any] = launch_file.nodes({**defaults, **given})
+    nodes: list[Any] = launch_file.nodes(Context({**defaults, **given}))
     return nodes
 
 
@@ -258,6 +266,15 @@ def test_a_quadruped_is_one_simulation_and_a_set_for_each_ankle(robot_launch_fil
         assert spec.name.endswith(node.named["name"])
     installed = (PACKAGE.parent / "jammkle_sim" / "setup.py").read_text()
     assert f'"{started[0].named["executable"]} = jammkle_sim.robot:main"' in installed
+
+
+@pytest.mark.parametrize(
+    ("given", "found"), [("", "/fleet/one"), ("lf_ankle", "/fleet/one/lf_ankle"), ("/lf_ankle", "/lf_ankle")]
+)
+def test_an_including_launch_file_pushes_its_namespace(launch_file: Any, given: str, found: str) -> None:
+    """As launch_ros does it: a name is within what was pushed, an absolute one is not."""
+    nodes = launched(launch_file, ros_namespace="/fleet/one", namespace=given)
+    assert {node.named["namespace"] for node in nodes} == {found}
 
 
 def test_the_parameter_file_of_robots_fits_them() -> None:

@@ -68,6 +68,7 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             maker.write("/lf_ankle/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 100))
             maker.write("/lf_ankle/jam_state", time_s, maker.jam_state(time_s, step // 100, 5e4, "achilles"))
     maker.write("/lf_ankle/contact_events", 12.5, maker.impact(12.5))
+    maker.write("/robot_description", 10.0, maker.make("std_msgs/msg/String", "<robot name='leg'/>"))
     return maker.close()
 
 
@@ -118,7 +119,8 @@ def test_one_time_base_keeps_what_is_true_between_samples(bag: Path, tmp_path: P
     assert rows[700]["lf_ankle_jam_state_achilles_state"] == "UNJAMMED"
     assert rows[1000]["lf_ankle_imu_data_linear_acceleration_z_m_s2"] is None
     assert rows[1000]["lf_ankle_achilles_pressure_pa"] == pytest.approx(1e5 - 250.0)
-    assert {file.name for file in (tmp_path / "out").iterdir()} == {"run.parquet", "lf_ankle_contact_events.parquet"}
+    apart = {"lf_ankle_contact_events.parquet", "robot_description.parquet"}  # of which not every row needs all
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {"run.parquet", *apart}
 
 
 @pytest.mark.parametrize("form", ["--csv", "--parquet"])

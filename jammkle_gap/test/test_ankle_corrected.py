@@ -14,7 +14,7 @@ from jammkle_gap import AnkleInputs, Recording
 from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
 from jammkle_gap.ankle.effects import ankle_library, machine_constants
 from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.core.effects import BadEffectError, Library
 from jammkle_sim.kinds import make_robot, make_simulation
 from jammkle_sim.parameters import RobotParameters, SimParameters
 from jammkle_sim.rigs.catalogue import RIGS, run_rig
@@ -134,6 +134,23 @@ def test_a_robot_refuses_effects_that_it_cannot_have(
     (tmp_path / "effects.yaml").write_text(corrected_text(LIBRARY, values))
     with pytest.raises(ParameterError, match=said):
         make_robot(RobotParameters(effects_file=str(tmp_path / "effects.yaml"), effects_ankle=ankle))
+
+
+def test_what_the_diagnosis_wrote_runs_live(tmp_path: Path) -> None:
+    """It writes every constant it fitted; the sim node goes without those that it cannot show, and says which."""
+    pump = {"pump_curve.flow_scale": 1.05, "pump_curve.vacuum_scale": 0.9}
+    constants = {"lever_toe.scale": 1.05, **pump, "imu_latency.delay_s": 0.003}
+    leak = {"line_leak_achilles.conductance_dm3_s_bar": 0.004}
+    library = Library((*machine_constants(), *LIBRARY))
+    (tmp_path / "corrected.yaml").write_text(corrected_text(library, {**constants, **leak}))
+
+    rig = make_simulation(SimParameters(effects_file=str(tmp_path / "corrected.yaml"))).machine
+    assert rig.left_out == ("imu_latency.delay_s",)
+    assert rig.description()["effects"] == {"lever_toe.scale": 1.05, **pump, **leak}
+
+    robot = make_robot(RobotParameters(effects_file=str(tmp_path / "corrected.yaml"))).machine
+    assert set(robot.left_out) == {"imu_latency.delay_s", "lever_toe.scale"}
+    assert robot.description()["effects"] == {"ankle": {**pump, **leak}}
 
 
 def test_a_reset_forgets_commands_on_their_way(tmp_path: Path) -> None:

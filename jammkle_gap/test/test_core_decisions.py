@@ -13,6 +13,7 @@ from jammkle_gap import Constants, Library, Problem
 from jammkle_gap.core.decide import (
     NONE_OF_THEM,
     Detection,
+    Seen,
     by_likelihood,
     by_signals,
     class_names,
@@ -109,6 +110,7 @@ def test_an_effect_that_is_far_likelier_than_the_constants_alone_is_a_gap() -> N
     assert by_likelihood(nothing, [(0.3, 1), (15.0, 1)], CONSTANTS).gap
     assert not by_likelihood(nothing, [(3.0, 1), (5.0, 2), (-2.0, 1)], CONSTANTS).gap
     assert not by_likelihood(nothing, [], CONSTANTS).gap
+    assert by_likelihood(nothing, [(15.0, 1)], CONSTANTS).seen is Seen.ALONG_EFFECT
     random, alarms = np.random.default_rng(23), 0
     for _ in range(300):
         gains = [
@@ -125,6 +127,7 @@ def test_where_none_of_the_effects_is_the_answer_likelihoods_count_and_lengths_a
     assert without_directions(by_likelihood(along, [(9.0, 1)], CONSTANTS), CONSTANTS).gap
     left = Detection(1e-9, gap=True, probability=1.0, ratio=9.0, explained=1.0, unexplained=1e-9)
     assert without_directions(left, CONSTANTS).gap
+    assert without_directions(left, CONSTANTS).seen is Seen.ALTOGETHER
 
 
 def test_one_signal_that_is_far_off_is_a_gap_though_the_others_hide_it() -> None:

@@ -156,6 +156,7 @@ def test_shares_of_the_ledger_add_up_and_go_to_what_closes_the_gap() -> None:
     alone = {each.part: each.gap for each in found.ledger}
     assert alone["rubbing"] > 1.1 * alone["left"]
     assert found.gap.corrected == pytest.approx(1.0, abs=0.15)
+    assert alone["left"] == pytest.approx(found.gap.corrected)
 
 
 def test_constants_that_only_stand_for_an_effect_close_nothing() -> None:

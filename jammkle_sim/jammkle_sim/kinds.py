@@ -54,7 +54,7 @@ def make_simulation(parameters: SimParameters) -> Simulation:
         ParameterError: the rig refuses a value, or the effects file cannot be used.
 
     """
-    change = _effects(parameters.effects_file) or as_it_is
+    change = _effects(parameters.effects_file, lambda file: load_change(file).live()) or as_it_is
     options = checked(_options(LandingOptions, parameters))
     return _warmed_up(lambda: change(landing_built(options)))
 
@@ -66,7 +66,7 @@ def make_robot(parameters: RobotParameters) -> Simulation:
         ParameterError: the robot refuses a value, or the effects file cannot be used.
 
     """
-    change = _effects(parameters.effects_file)
+    change = _effects(parameters.effects_file, lambda file: load_change(file).live().of_robots())
 
     def built() -> Robot:
         made = robot(parameters.robot, _options(RobotOptions, parameters))
@@ -108,22 +108,20 @@ def _options(table: type, parameters: RunParameters) -> Any:
     return table(**{field.name: getattr(parameters, field.name) for field in fields(table)})
 
 
-def _effects(file: str) -> Change | None:
+def _effects(file: str, load: Callable[[Path], Change]) -> Change | None:
     """Return what the effects of a file do; None without a file.
 
     Raises:
-        ParameterError: it cannot be read, or holds what cannot be simulated live.
+        ParameterError: it cannot be read, or holds effects that cannot be simulated.
 
     """
     if not file:
         return None
     try:
-        change = load_change(Path(file))
-        change.check_live()
+        return load(Path(file))
     except (BadChangeError, InputError) as error:
         msg = f"parameter 'effects_file': {error}"
         raise ParameterError(msg) from error
-    return change
 
 
 RIG = SimKind(

@@ -245,6 +245,9 @@ class SimNode(Node):
         self._diagnostics.check()
 
     def _describe(self) -> None:
+        if left_out := self._simulation.machine.left_out:
+            constants = ", ".join(left_out)
+            self.get_logger().info(f"effects_file: left out, as this simulation cannot show them: {constants}")
         self._description.publish(parameters_message(self._simulation.machine.description()))
 
     def _reset(self) -> None:

@@ -191,12 +191,21 @@ def test_what_an_ankle_that_wedges_is_advised_helps(leg_m: float) -> None:
     assert push(slope_deg=40.0, friction=0.55, leg_m=leg_m, **worst).results["peak_force_n"] < 245.0
 
 
+def largest(done: RigRun, column: str) -> float:
+    """Return the largest reading of the load cell in one of its columns, to both sides."""
+    return float(np.abs(done.topics["load_cell/wrench"].column(column)).max())
+
+
 def test_what_the_cell_cannot_carry_is_clipped() -> None:
     """Where a rig goes on regardless, the readings stand at the range, on no axis beyond it."""
     rig, programme = slip.slip_rig(SlipOptions(foot="jammed", slope_deg=20.0, speed_m_s=0.02))
     programme = dataclasses.replace(programme, overload_advice="")
-    measured = run(rig, programme, None, lambda _: None, lambda: False).topics["load_cell/wrench"].values
+    done = run(rig, programme, None, lambda _: None, lambda: False)
+    measured = done.topics["load_cell/wrench"].values
     assert np.abs(measured).max() == rig.sensors.load_cell_limit_n == 245.0
+    named = [line.partition(" of the load cell")[0] for line in done.clipped if "load cell" in line]
+    assert named == [name for name in done.topics["load_cell/wrench"].columns if largest(done, name) == 245.0]
+    assert 0 < len(named) < 6
 
 
 def test_carriage_goes_down_its_way_at_its_speed() -> None:

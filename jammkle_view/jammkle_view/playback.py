@@ -158,7 +158,7 @@ class PlaybackPage:
     def show(self, now_s: float) -> None:
         """Show where the player stands, at a time of a steady clock, s."""
         asked_s = float(self._slider.value)
-        if asked_s != self._slider_s:  # by somebody: what the page has written itself is known
+        if asked_s != self._slider_s and not math.isnan(asked_s):  # by somebody: the page's own is known
             self._slider_s = asked_s
             self._player.jump(asked_s)
         time_s = self._player.time_s
@@ -357,5 +357,6 @@ class Player:
             self.jump((self.time_s + self.speed * real_s) % self.duration_s)
 
     def jump(self, time_s: float) -> None:
-        """Stand at a time, s, or at the end that is nearest to it."""
-        self.time_s = min(max(time_s, 0.0), self.duration_s)
+        """Stand at a time, s, or at the end that is nearest to it; at no time that is none."""
+        if not math.isnan(time_s):
+            self.time_s = min(max(time_s, 0.0), self.duration_s)

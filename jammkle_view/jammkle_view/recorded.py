@@ -146,7 +146,9 @@ class Recorded(Motion):
     def _by_pressure(self, channel: str, time_s: float) -> Channel:
         topic = names.PRESSURES[channel].name
         track = self.readings.get(topic)
-        vacuum_pa = 0.0 if track is None else STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
+        if track is None or not track.covers(time_s):
+            return Channel(ChannelState.UNKNOWN, math.nan, math.nan, "nobody measured its pressure")
+        vacuum_pa = STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
         jams = vacuum_pa > _LEAST_VACUUM_PA
         return Channel(
             ChannelState.JAMMED if jams else ChannelState.UNJAMMED, math.nan, max(vacuum_pa, 0.0), "by its pressure"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import socket
 import subprocess
 import sys
@@ -9,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from jammkle_common import names
+from jammkle_view.core.samples import ChannelState
 from jammkle_view.overlay import overlay_of
 from jammkle_view.playback import Player
-from jammkle_view.recorded import Recorded, read_recorded
+from jammkle_view.recorded import Recorded, Track, read_recorded
 
 JAMMKLE = Path(sys.executable).with_name("jammkle")
 LOST = "fibre_loss_achilles_left: {lost: 0.8}\n"
@@ -61,6 +65,21 @@ def test_the_simulation_lies_over_the_recording(bag: Path, recorded: Recorded) -
     assert after[pitch] < before[pitch] / 20.0
 
 
+def test_what_nobody_measured_is_not_known(recorded: Recorded) -> None:
+    """Where no driver reported, a channel is by its pressure: not before its first reading, nor after its last."""
+    topic = names.PRESSURES[names.ACHILLES].name
+    pressure = recorded.readings[topic]
+    begins_s = float(pressure.time_s[0])
+    later = Track(pressure.time_s + 1.0, pressure.columns)
+    some = dataclasses.replace(recorded, reports=(), readings={topic: later})
+    assert some.state_at(begins_s + 1.5).channels[names.ACHILLES].state is ChannelState.UNJAMMED
+    for time_s in (begins_s + 0.5, recorded.duration_s + 2.0):
+        assert some.state_at(time_s).channels[names.ACHILLES].state is ChannelState.UNKNOWN
+    unmeasured = some.state_at(begins_s + 1.5).channels[names.PERONEAL_LEFT]
+    assert unmeasured.state is ChannelState.UNKNOWN
+    assert math.isnan(unmeasured.measured_vacuum_pa)
+
+
 def test_a_playback_goes_round() -> None:
     """At the end it begins again; a jump stays inside."""
     player = Player(2.0)
@@ -72,6 +91,8 @@ def test_a_playback_goes_round() -> None:
     player.go_on(1.5)
     assert player.time_s == pytest.approx(0.25)
     player.jump(9.0)
+    assert player.time_s == 2.0
+    player.jump(float("nan"))
     assert player.time_s == 2.0
 
 

@@ -64,6 +64,7 @@ def test_a_tendon_takes_the_state_of_its_channel() -> None:
     slack = tendon_tint(ChannelState.JAMMED, 0.0, broken=False)
     assert sum(slack) > sum(tendon_tint(ChannelState.JAMMED, 100.0, broken=False))
     assert tendon_tint(ChannelState.JAMMED, 5.0, broken=True) == BROKEN_TINT
+    assert tendon_tint(ChannelState.JAMMED, float("nan"), broken=False) == slack
 
 
 def test_it_says_what_a_landing_chose_and_what_is_left_of_each_tendon() -> None:

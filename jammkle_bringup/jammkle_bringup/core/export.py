@@ -21,7 +21,15 @@ from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError, Interrupted
 from jammkle_common.command.results import note
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CARRIAGE_JOINT, CLOCK, DIAGNOSTICS, SIM_PARAMETERS, TOPICS, TopicKind
+from jammkle_common.names import (
+    CARRIAGE_JOINT,
+    CLOCK,
+    DIAGNOSTICS,
+    ROBOT_DESCRIPTION,
+    SIM_PARAMETERS,
+    TOPICS,
+    TopicKind,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,7 +45,8 @@ RUN = "run"
 _PROGRESS_MESSAGES = 5_000
 _MEASURED = tuple(topic.name for topic in TOPICS if topic.kind is TopicKind.SENSOR and "actuator" not in topic.name)
 _OURS = tuple(topic.name for topic in TOPICS)
-_APART = (DIAGNOSTICS.name, SIM_PARAMETERS.name, *(topic.name for topic in TOPICS if topic.kind is TopicKind.EVENT))
+_TEXTS = (DIAGNOSTICS.name, SIM_PARAMETERS.name, ROBOT_DESCRIPTION.name)
+_APART = (*_TEXTS, *(topic.name for topic in TOPICS if topic.kind is TopicKind.EVENT))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
       conductance_dm3_s_bar: 0.0021   # dm3/(s bar), 0 to 0.01, off at 0
 
 Constants of the machine stand in it as effects do. `jammkle rig --effects` and the sim node load it through an entry
-point.
+point. A live simulation and a robot go without the constants that they cannot show; they refuse such effects.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from jammkle_sim.rigs.replay import CommandTrack, Timeline
 from jammkle_sim.rigs.rig import BadChangeError, laws_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from jammkle_gap.core.effects import Effect
     from jammkle_sim.rigs.rig import AnkleInModel, Rig
@@ -67,20 +67,6 @@ class Correction:
         drawn = AnkleInputs(rig.name, options, _NO_COMMANDS)
         changed = drawing_of(apply_to_inputs(drawn, self.library, self.values))
         return rig if changed == drawing_of(drawn) else rig_of(changed)
-
-
-def check_live(correction: Correction) -> None:
-    """Refuse effects that only a recording can show: the stamps of a live simulation are those of its own clock.
-
-    Raises:
-        BadEffectError: readings come late, or by another clock.
-
-    """
-    for effect in correction.library:
-        if effect.subsystem == _TIMING and effect.name != _COMMAND_DELAY and _is_on(effect, correction.values):
-            msg = f"effect '{effect.name}' acts on stamps, which a live simulation does not change"
-            msg += "; take it out of the file, or run the rig with `jammkle rig`"
-            raise BadEffectError(msg)
 
 
 def corrected_text(library: Library, values: Mapping[str, float], library_file: Path | None = None) -> str:
@@ -144,15 +130,13 @@ def load_correction(file: Path) -> Correction:
     return Correction(library, values)
 
 
-def _is_on(effect: Effect, values: Mapping[str, float]) -> bool:
-    return any(values.get(effect.key(each), each.null) != each.null for each in effect.parameters)
-
-
 @dataclass(frozen=True)
 class RigChange:
-    """Effects of a file."""
+    """Effects and constants of a file."""
 
     correction: Correction
+    left_out: tuple[str, ...] = ()
+    """Constants of the file that this change goes without, by `constant.parameter`."""
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -167,21 +151,37 @@ class RigChange:
 
         """
         try:
-            return self.correction(rig)
+            return dataclasses.replace(self.correction(rig), left_out=self.left_out)
         except BadEffectError as error:
             raise BadChangeError(str(error)) from error
 
-    def check_live(self) -> None:
-        """Refuse effects that only a recording can show.
+    def live(self) -> RigChange:
+        """Return what of it a live simulation can show: the stamps of one are those of its own clock.
 
         Raises:
-            BadChangeError: there are such in the file.
+            BadChangeError: readings come late, or by another clock, as an effect.
 
         """
-        try:
-            check_live(self.correction)
-        except BadEffectError as error:
-            raise BadChangeError(str(error)) from error
+        on_stamps = [
+            effect
+            for effect in self._parts()
+            if effect.subsystem == _TIMING and effect.name != _COMMAND_DELAY and self._is_on(effect)
+        ]
+        why = "acts on stamps, which a live simulation does not change"
+        return self._without(on_stamps, f"{why}; take it out of the file, or run the rig with `jammkle rig`")
+
+    def of_robots(self) -> RigChange:
+        """Return what of it an ankle of a robot can have.
+
+        Raises:
+            BadChangeError: an effect changes a body, a contact, or how the ankle is drawn.
+
+        """
+        rig = nominal_rig(AnkleInputs("landing", (), _NO_COMMANDS))
+        of_bodies = [effect for effect in self._parts() if not _keeps_bodies(rig, self._alone(effect))]
+        why = "changes a body, a contact or the drawing, which a robot has as built"
+        way_out = "take it out of the file, or simulate an ankle on its rig (`jammkle up` without --robot)"
+        return self._without(of_bodies, f"{why}; {way_out}")
 
     def on_ankle(self, ankle: AnkleInModel, timestep_s: float) -> AnkleInModel:
         """Return an ankle of a robot with the effects in its laws and its wiring.
@@ -205,15 +205,35 @@ class RigChange:
             joint_law=laws.joint,
             wiring=ankle.wiring,
         )
-        for effect in self.correction.library:
-            own = {key: value for key, value in self.values.items() if key.rpartition(".")[0] == effect.name}
-            alone = dataclasses.replace(self.correction, values=own)
-            if own and not _keeps_bodies(rig, alone):
-                msg = f"effect '{effect.name}' changes a body, a contact or the drawing, which a robot has as built"
-                msg += "; take it out of the file, or simulate an ankle on its rig (`jammkle up` without --robot)"
-                raise BadChangeError(msg)
-        changed = self(rig)
+        changed = self.of_robots()(rig)
         return dataclasses.replace(ankle, laws=laws_of(changed), wiring=changed.wiring)
+
+    def _parts(self) -> list[Effect]:
+        """Return the effects and constants that the file has values of."""
+        return [each for each in self.correction.library if self._alone(each).values]
+
+    def _alone(self, effect: Effect) -> Correction:
+        own = {key: value for key, value in self.values.items() if key.rpartition(".")[0] == effect.name}
+        return dataclasses.replace(self.correction, values=own)
+
+    def _is_on(self, effect: Effect) -> bool:
+        return any(self.values.get(effect.key(each), each.null) != each.null for each in effect.parameters)
+
+    def _without(self, effects: Sequence[Effect], why: str) -> RigChange:
+        """Return the change without some constants: `gap diagnose` writes all of them, wanted or not.
+
+        Raises:
+            BadChangeError: one of these is an effect, which somebody wants to see.
+
+        """
+        constants = {constant.name for constant in machine_constants()}
+        for effect in effects:
+            if effect.name not in constants:
+                msg = f"effect '{effect.name}' {why}"
+                raise BadChangeError(msg)
+        out = [key for effect in effects for key in self._alone(effect).values]
+        values = {key: value for key, value in self.values.items() if key not in out}
+        return RigChange(dataclasses.replace(self.correction, values=values), (*self.left_out, *out))
 
 
 def _keeps_bodies(rig: Rig, correction: Correction) -> bool:

@@ -279,9 +279,10 @@ _FAR = 3.0
 
 
 def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence) -> tuple[str, ...]:
+    where = detection.seen.value
     first = (
-        f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much with "
-        f"a probability of {detection.p_value:.2g}"
+        f"the difference is {np.sqrt(detection.ratio):.2f} times healthy scatter; a healthy machine shows as much "
+        f"{where} with a probability of {detection.p_value:.2g}"
     )
     if evidence.error.without_references:
         accuracy = evidence.problem.accuracy
@@ -290,8 +291,8 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         farthest = f", in the signal that is farthest off {others}" if detection.farthest else ""
         first = (
             f"with the constants of the machine fitted within their tolerances the difference is "
-            f"{np.sqrt(detection.ratio):.2f} times scatter{beside}{farthest}; a machine as drawn shows as much with a "
-            f"probability of {detection.p_value:.2g}"
+            f"{np.sqrt(detection.ratio):.2f} times scatter{beside}{farthest}; a machine as drawn shows as much {where} "
+            f"with a probability of {detection.p_value:.2g}"
         )
     if verdict is Verdict.NO_GAP:
         far = [each for each in _constants(evidence, evidence.explained.within) if abs(each.deviations) > _FAR]

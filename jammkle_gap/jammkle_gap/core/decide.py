@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,6 +95,14 @@ def _typical(signatures: NDArray[np.float64]) -> NDArray[np.float64]:
     return row
 
 
+class Seen(Enum):
+    """What of a difference shows that there is a gap, in words."""
+
+    ALTOGETHER = "altogether"
+    ALONG_EFFECT = "along one of the effects"
+    IN_CONSTANTS = "in how far its constants moved"
+
+
 @dataclass(frozen=True)
 class Detection:
     """Evidence for a gap."""
@@ -115,6 +124,14 @@ class Detection:
     farthest: float = 0.0
     """Root mean square of what is left of the signal that is farthest off in a setting, in scatter and in what others
     leave there; 0 where that is not tested."""
+
+    @property
+    def seen(self) -> Seen:
+        """Which of the tests has the smallest probability."""
+        if self.p_value == min(1.0, 2.0 * self.unexplained):
+            return Seen.ALTOGETHER
+        along = (self.explained, self.likelier)
+        return Seen.ALONG_EFFECT if self.p_value in [min(1.0, 2.0 * each) for each in along] else Seen.IN_CONSTANTS
 
 
 def detect(

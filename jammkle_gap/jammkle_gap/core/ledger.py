@@ -112,14 +112,14 @@ def _fit_part(
 
 
 def _gap(left: NDArray[np.float64], healthy: float) -> float:
-    return max(float(np.sqrt(np.square(left).mean() / healthy)), 1.0)
+    return float(np.sqrt(np.square(left).mean() / healthy))
 
 
 def closed_by(parts: Sequence[str], gaps: Mapping[frozenset[str], float]) -> dict[str, float]:
     """Return what each part closes of a gap, by Shapley's value; together they close what all of them do.
 
     Fewer parts than all may leave more than none does, such as constants that stand for an effect which is not there.
-    They close nothing then, as nobody would take them by themselves.
+    They close nothing then, as nobody would take them by themselves. Below scatter nothing is left to close.
 
     Args:
         parts: Constants and effects.
@@ -127,7 +127,7 @@ def closed_by(parts: Sequence[str], gaps: Mapping[frozenset[str], float]) -> dic
 
     """
     most = gaps[frozenset()]
-    left = {each: gap if len(each) == len(parts) else min(gap, most) for each, gap in gaps.items()}
+    left = {each: max(gap if len(each) == len(parts) else min(gap, most), 1.0) for each, gap in gaps.items()}
     return {part: _shapley(part, parts, left) for part in parts}
 
 

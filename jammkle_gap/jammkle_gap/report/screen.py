@@ -102,6 +102,8 @@ def _ledger_table(diagnosis: Diagnosis) -> Table:
     table.add_column("gap with it alone", justify="right")
     for line in words.ledger_lines(diagnosis):
         table.add_row(escape(line["part"]), line["share"], line["gap"])
+    if any(each.gap > diagnosis.gap.nominal for each in diagnosis.ledger):
+        table.caption = f"above {times(diagnosis.gap.nominal)}, the nominal gap: alone it stands for something else"
     return table
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from jammkle_common.bags.run_sheet import KEYS, RECORDED, RunSheet, read_options, read_sheet
+from jammkle_common.bags.run_sheet import KEYS, RECORDED, RunSheet, read_options, read_sheet, read_text
 from jammkle_common.command.errors import GraphError, InputError, Interrupted
 from jammkle_common.names import SIM_PARAMETERS
 from jammkle_common.parameters import (
@@ -253,7 +253,9 @@ def _read(path: Path, source: str) -> RunSheet | dict[str, Any]:
         except InputError as error:
             msg = f"{source}: {error}"
             raise InputError(msg) from error
-        sheet = read_sheet(path, recorded)
+        sheet, written = read_sheet(path, recorded), read_sheet(path, None)
+        if written.rig and recorded is not None and read_text(recorded, source).rig != written.rig:
+            sheet = written  # of an exercise: the options that were recorded are of the machine that did it
     except OSError as error:
         msg = f"{source} cannot be read: {error.strerror or error}"
         raise InputError(msg) from error

@@ -22,7 +22,7 @@ from jammkle_sim.physics.sensors import imu_law
 from jammkle_sim.physics.tendon import relaxed_state
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -153,6 +153,10 @@ class Machine(Protocol):
     def one_imu(self) -> bool:
         """Whether all its ankles have the same IMU."""
 
+    @property
+    def left_out(self) -> Sequence[str]:
+        """What of an effects file it goes without, as it cannot show it, by `constant.parameter`."""
+
     def in_model(self) -> tuple[AnkleInModel, ...]:
         """Return every ankle, as the model has it."""
 
@@ -191,6 +195,8 @@ class Rig:
     """What lies between commands and valves, and between sensors and topics."""
     effects: Mapping[str, float] = field(default_factory=dict)
     """What a gap diagnosis put into it, by `effect.parameter`."""
+    left_out: Sequence[str] = ()
+    """What of an effects file it goes without, by `constant.parameter`."""
     guide: NDArray[np.float64] = field(default_factory=free)
     """How its carriage is guided, a row per time step, as `records.Body` has it; made by `rigs.guide`."""
 
@@ -399,11 +405,23 @@ class Change(Protocol):
 
         """
 
-    def check_live(self) -> None:
-        """Refuse what only a recording can show.
+    @property
+    def left_out(self) -> Sequence[str]:
+        """Constants of the file that this change goes without, by `constant.parameter`."""
+
+    def live(self) -> Change:
+        """Return what of it a live simulation can show: constants that only a recording shows are left out.
 
         Raises:
-            BadChangeError: something in it cannot be simulated live.
+            BadChangeError: an effect in it shows in a recording only.
+
+        """
+
+    def of_robots(self) -> Change:
+        """Return what of it an ankle of a robot can have: constants of bodies and of the ground are left out.
+
+        Raises:
+            BadChangeError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
 
         """
 
@@ -415,7 +433,7 @@ class Change(Protocol):
             timestep_s: Of the robot's model, s.
 
         Raises:
-            BadChangeError: something in it changes more than tendons, air, dry friction of the joint, and sensors.
+            BadChangeError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
 
         """
 

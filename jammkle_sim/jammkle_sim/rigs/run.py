@@ -232,8 +232,10 @@ def _clipped(rig: Rig, topics: Mapping[str, Series]) -> tuple[str, ...]:
     """Say which sensors were at the end of their range; the IMU's filter adds its noise to it."""
     sensors, found = rig.sensors, []
     cell, imu = topics.get(names.LOAD_CELL.name), topics.get(names.IMU.name)
-    if cell is not None and np.abs(cell.values).max() >= sensors.load_cell_limit_n:
-        found.append(f"the load cell at {sensors.load_cell_limit_n:g} N")
+    if cell is not None:
+        for column, largest_n in zip(cell.columns, np.abs(cell.values).max(axis=0).tolist(), strict=True):
+            if largest_n >= sensors.load_cell_limit_n:
+                found.append(f"{column} of the load cell at {sensors.load_cell_limit_n:g} N")
     if imu is not None:
         limit_m_s2 = sensors.acceleration_limit_m_s2
         if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= limit_m_s2 - _IMU_NOISE_M_S2:

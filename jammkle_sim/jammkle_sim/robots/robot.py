@@ -218,6 +218,11 @@ class Robot:
         """Whether all ankles have the robot's IMU."""
         return all(ankle.imu is ImuPlace.BODY for ankle in self.ankles)
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What of an effects file its ankles go without, by `constant.parameter`."""
+        return tuple(dict.fromkeys(key for change in self.changes.values() for key in change.left_out))
+
     def in_model(self) -> tuple[AnkleInModel, ...]:
         """Return every ankle, as the model has it.
 

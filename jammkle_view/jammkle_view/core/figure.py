@@ -50,10 +50,10 @@ _PALEST = 0.6
 
 
 def tendon_tint(state: ChannelState, tension_n: float, *, broken: bool) -> Rgb:
-    """Return the colour of a tendon: the hue says its state, the depth its tension."""
+    """Return the colour of a tendon: the hue says its state, the depth its tension, palest where that is NaN."""
     if broken:
         return BROKEN_TINT
-    share = _PALEST + (1.0 - _PALEST) * min(max(tension_n / FULL_TENSION_N, 0.0), 1.0)
+    share = _PALEST + (1.0 - _PALEST) * min(max(0.0, tension_n / FULL_TENSION_N), 1.0)
     red, green, blue = (round(255.0 - share * (255.0 - part)) for part in STATE_TINTS[state])
     return red, green, blue
 
