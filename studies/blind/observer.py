@@ -21,7 +21,7 @@ from scipy.stats import norm  # type: ignore[import-untyped]  # carries no types
 from jammkle_gap import Whitener, features_of, layout_of, measured
 from studies.blind import reality
 from studies.blind.reality import landing
-from studies.blind.reality.faults import FAULTS, FaultSetting, eras
+from studies.blind.reality.faults import FAULTS, FaultSetting, with_faults
 from studies.blind.reality.machine import STILL, Machine
 from studies.blind.reality.run import RIGS
 from studies.blind.reality.sensors import Plan
@@ -193,7 +193,7 @@ def _floor(plan: Plan) -> Floats:
 
 def _recorded(plan: Plan, machine: Machine, wrong: Sequence[FaultSetting], seed: int = STILL) -> Recording:
     """Return a run as a robot's sensors read it, without chance unless it has a seed."""
-    run = recording_of_real(RIGS[plan.rig](plan, eras(machine, wrong, FAULTS), seed), plan.rig)
+    run = recording_of_real(RIGS[plan.rig](plan, with_faults(machine, wrong), seed), plan.rig)
     hidden = ("carriage/", "imu/") if plan.rig in _MOVED else ("carriage/",)
     return dataclasses.replace(run, signals=tuple(each for each in run.signals if not each.name.startswith(hidden)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,9 +14,8 @@ import numpy as np
 from jammkle_common import names
 from jammkle_common.names import CHANNELS
 from studies.blind.reality.bodies import compiled
-from studies.blind.reality.faults import Era, era_at
-from studies.blind.reality.machine import GAS_J_KG_K, HEAT_RATIO, Machine, stream
-from studies.blind.reality.sensors import Track, coloured, skewed_s
+from studies.blind.reality.machine import GAS_J_KG_K, HEAT_RATIO, Machine, Sensors, stream
+from studies.blind.reality.sensors import Track, coloured
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -171,15 +171,6 @@ def vented(law: AirLaw) -> AirState:
     mass_kg = law.scalars[AMBIENT] * law.nodes[VOLUME] / (GAS_J_KG_K * law.scalars[ROOM])
     heat_j = mass_kg * _CV * law.scalars[ROOM]
     return AirState(mass_kg, heat_j, np.zeros(LINES), np.zeros(LINES), np.zeros(LINES), np.zeros(5))
-
-
-def fill_again(law: AirLaw, before: AirLaw, state: AirState) -> None:
-    """Keep the pressures where volumes change, as when a fault sets in: a longer hose comes with its air."""
-    share = law.nodes[VOLUME] / before.nodes[VOLUME]
-    state.more[2] += float((state.mass_kg * (share - 1.0)).sum())
-    state.more[4] += float((state.heat_j * (share - 1.0)).sum())
-    state.mass_kg[:] *= share
-    state.heat_j[:] *= share
 
 
 def pressures_pa(law: AirLaw, state: AirState) -> NDArray[np.float64]:
@@ -389,58 +380,48 @@ class AirRun:
     """Pressures and commands."""
 
 
-def breathe(periods: Sequence[Era], schedule: Sequence[SetPoint], duration_s: float, seed: int) -> AirRun:
+def breathe(machine: Machine, schedule: Sequence[SetPoint], duration_s: float, seed: int) -> AirRun:
     """Run the air, vented at the start.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         schedule: Set points.
         duration_s: A whole number of hundredths of a second.
         seed: Of the run.
 
     """
-    return _breathed(_of_the_air(periods), tuple(schedule), duration_s, seed)
-
-
-def _of_the_air(periods: Sequence[Era]) -> tuple[Era, ...]:
-    """Return the machine over time with all at its default that the air knows nothing of."""
-    found: list[Era] = []
-    for period in periods:
-        real, plain = period.machine, Machine()
-        sensors = dataclasses.replace(plain.sensors, pressure=real.sensors.pressure, clock=real.sensors.clock)
-        machine = dataclasses.replace(plain, air=real.air, regulator=real.regulator, sensors=sensors)
-        if not found or machine != found[-1].machine:
-            found.append(Era(period.start_s, machine))
-    return tuple(found)
+    # All else is at its default, so that machines whose air is the same share a run.
+    sensors = Sensors(pressure=machine.sensors.pressure, clock=machine.sensors.clock)
+    known = Machine(air=machine.air, regulator=machine.regulator, sensors=sensors)
+    return _breathed(known, tuple(schedule), duration_s, seed)
 
 
 @lru_cache(maxsize=_KEPT)
-def _breathed(periods: tuple[Era, ...], schedule: tuple[SetPoint, ...], duration_s: float, seed: int) -> AirRun:
+def _breathed(machine: Machine, schedule: tuple[SetPoint, ...], duration_s: float, seed: int) -> AirRun:
     """Run the air, or return what it did before: a fault of a tendon, of a body or of an IMU leaves it as it is."""
-    return _Breathing(periods, schedule, duration_s, seed).run()
+    return _Breathing(machine, schedule, duration_s, seed).run()
 
 
 class _Breathing:
     """State of one such run."""
 
-    def __init__(self, periods: Sequence[Era], schedule: Sequence[SetPoint], duration_s: float, seed: int) -> None:
-        self._periods = periods
+    def __init__(self, machine: Machine, schedule: Sequence[SetPoint], duration_s: float, seed: int) -> None:
+        self._machine = machine
         self._schedule = schedule
         self._ticks = round(duration_s / PERIOD_S)
-        self._machine = periods[0].machine
-        self._law = air_law(self._machine.air)
+        self._law = air_law(machine.air)
         self._state = vented(self._law)
         self._steps = 0
         self._history_pa = np.zeros((round(self._ticks * PERIOD_S / HISTORY_S) + 1, NODES))
-        self._history_pa[0] = self._machine.air.ambient_pa
+        self._history_pa[0] = machine.air.ambient_pa
         self._switching = stream(seed, "switching")
-        sensors = self._machine.sensors.pressure
+        sensors = machine.sensors.pressure
         self._noise_pa = np.column_stack(
             [coloured(stream(seed, f"pressure {i}"), sensor, PERIOD_S, self._ticks) for i, sensor in enumerate(sensors)]
         )
         self._clock = stream(seed, "moments of pressures")
         self._commands: dict[str, list[tuple[float, float]]] = {}
-        self._due: list[tuple[int, Orders]] = []
+        self._due: deque[tuple[int, Orders]] = deque()  # in order: every order takes as long
         self._latest = Orders(0.0, (False,) * LINES)
 
     def run(self) -> AirRun:
@@ -456,9 +437,8 @@ class _Breathing:
             read[tick] = self._read(tick, float(taken_s[tick]))
             atmosphere_pa = read[: min(tick + 1, _TARE)].mean(axis=0)
             vacuum_pa = (atmosphere_pa - read[tick]).tolist()
-            regulator = self._machine.regulator
             wanted = wanted_pa(self._schedule, float(taken_s[tick]))
-            orders, memory = decide(regulator, memory, wanted, vacuum_pa[1:], vacuum_pa[0])
+            orders, memory = decide(self._machine.regulator, memory, wanted, vacuum_pa[1:], vacuum_pa[0])
             self._order(float(taken_s[tick]) + _DECIDES_S, orders)
         self._advance_to(self._ticks * PERIOD_S)
         time_s = HISTORY_S * np.arange(len(self._history_pa), dtype=np.float64)
@@ -467,24 +447,14 @@ class _Breathing:
         return AirRun(time_s, self._history_pa, vacuum, {**self._pressures(taken_s, read), **self._command_tracks()})
 
     def _advance_to(self, time_s: float) -> None:
-        """Go on, stopping wherever an order arrives or the machine changes."""
+        """Go on, stopping wherever an order arrives."""
         end = round(time_s / STEP_S)
         while self._steps < end:
-            stops = [step for step, _ in self._due] + [round(each.start_s / STEP_S) for each in self._periods[1:]]
-            goal = min([end, *(step for step in stops if step > self._steps)])
+            goal = min(end, self._due[0][0]) if self._due else end
             advance_air(self._law, self._state, self._steps, goal - self._steps, _EVERY, self._history_pa)
             self._steps = goal
-            self._change()
-            for step, orders in [each for each in self._due if each[0] <= goal]:
-                self._obey(orders)
-                self._due.remove((step, orders))
-
-    def _change(self) -> None:
-        """Take over the machine as it is from now on."""
-        current = era_at(self._periods, self._steps * STEP_S + STEP_S / 2.0)
-        if current is not self._machine:
-            before, self._machine, self._law = self._law, current, air_law(current.air)
-            fill_again(self._law, before, self._state)
+            while self._due and self._due[0][0] <= goal:
+                self._obey(self._due.popleft()[1])
 
     def _order(self, time_s: float, orders: Orders) -> None:
         """Record what is commanded, and let it arrive."""
@@ -528,8 +498,8 @@ class _Breathing:
         return found
 
     def _pressures(self, taken_s: NDArray[np.float64], read: NDArray[np.float64]) -> dict[str, Track]:
-        clock, draw = self._periods[0].machine.sensors.clock, self._clock
-        stamp_s = skewed_s(self._periods, taken_s) + clock.stamp_jitter_s * draw.standard_normal(taken_s.size)
+        clock, draw = self._machine.sensors.clock, self._clock
+        stamp_s = taken_s + clock.skew * taken_s + clock.stamp_jitter_s * draw.standard_normal(taken_s.size)
         topics = (names.MANIFOLD_PRESSURE, *(names.PRESSURES[channel] for channel in names.CHANNELS))
         found = {}
         for i, topic in enumerate(topics):

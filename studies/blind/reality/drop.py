@@ -14,10 +14,7 @@ from studies.blind.reality.machine import PLAIN, stream
 from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from studies.blind.reality.bodies import Law
-    from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
     from studies.blind.reality.sensors import Option, Plan, RealRun
 
@@ -45,12 +42,12 @@ _FRICTION = 0.05
 """Relative standard deviation of the floor's friction over runs. Assumed."""
 
 
-def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def drop(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Drop a leg.
 
     Args:
         plan: Settings of the rig.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     Raises:
@@ -67,8 +64,7 @@ def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     fall_m = max(float(chosen["drop_height_m"]) + _HEIGHT_M * higher, 0.0)
     pretension_m = float(chosen["pretension_m"]) + _PRETENSION_M * tighter
     friction = float(chosen["friction"]) * math.exp(_FRICTION * rougher)
-    first = periods[0].machine
-    pitch_rad = math.radians(float(chosen["pitch_deg"])) + first.leg.hung_rad
+    pitch_rad = math.radians(float(chosen["pitch_deg"])) + machine.leg.hung_rad
     has_tendons = foot in {JAMMED, UNJAMMED}
     ball = SquashBall()
     if foot == STANDARD:
@@ -78,26 +74,22 @@ def drop(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     else:
         toe_m = PLAIN.dropped_toe_m
         # The height is set with the foot as it hangs and as it was built.
-        touch_m = first.leg.as_built().touch_height_m(first.leg.dropped_toe_m, pitch_rad, 0.0)
+        touch_m = machine.leg.as_built().touch_height_m(machine.leg.dropped_toe_m, pitch_rad, 0.0)
     stand = Stand(float(chosen["mass_kg"]), toe_m, friction, 0.0, touch_m)
-
-    def law(machine: Machine) -> Law:
-        return _law(machine, foot, stand, ball)
-
     scene = Scene(
-        law=law,
+        law=_law(machine, foot, stand, ball),
         height_m=touch_m + fall_m,
         leg_pitch_rad=0.0,
         foot_pitch_rad=0.0 if foot in {STANDARD, SQUASH_BALL} else pitch_rad,
-        free_m=free_lengths_m(first.ankle, pitch_rad, pretension_m),
+        free_m=free_lengths_m(machine.ankle, pitch_rad, pretension_m),
         has_tendons=has_tendons,
         schedule=together(_JAM_S, CHANNELS, float(chosen["vacuum_pa"])) if foot == JAMMED else (),
         duration_s=_DURATION_S,
-        release_s=_RELEASE_S + round(first.rig.late_s, 3),
+        release_s=_RELEASE_S + round(machine.rig.late_s, 3),
         drive_m=None,
         step_s=_STEP_S,
     )
-    return move(plan, scene, periods, seed)
+    return move(plan, scene, machine, seed)
 
 
 def _law(machine: Machine, foot: str, stand: Stand, ball: SquashBall) -> Law:

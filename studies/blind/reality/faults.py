@@ -101,48 +101,21 @@ class FaultSetting:
     fault: str
     values: Mapping[str, float] = field(default_factory=dict)
     """By name of the parameter; those not given are null."""
-    onset_s: float = 0.0
-    """When it sets in, s since the start of the rig; 0 or less: it was always there."""
 
 
-@dataclass(frozen=True)
-class Era:
-    """From a time on the machine is like this."""
-
-    start_s: float
-    machine: Machine
-
-
-def eras(machine: Machine, settings: Sequence[FaultSetting], table: Mapping[str, Fault]) -> tuple[Era, ...]:
-    """Return what the machine is like over a run, by rising start, the first at minus endless time.
+def with_faults(machine: Machine, settings: Sequence[FaultSetting]) -> Machine:
+    """Return the machine with faults, each applied to what those before it have made of it.
 
     Raises:
         BadFaultError: there is no such fault, or its size is out of range.
 
     """
     for setting in settings:
-        if setting.fault not in table:
-            msg = f"fault '{setting.fault}' does not exist; known are: {', '.join(sorted(table))}"
+        if setting.fault not in FAULTS:
+            msg = f"fault '{setting.fault}' does not exist; known are: {', '.join(sorted(FAULTS))}"
             raise BadFaultError(msg)
-    starts_s = [float("-inf"), *sorted({each.onset_s for each in settings if each.onset_s > 0.0})]
-    found: list[Era] = []
-    for start_s in starts_s:
-        current = machine
-        for setting in settings:
-            if setting.onset_s <= max(start_s, 0.0):
-                current = table[setting.fault].applied(current, setting.values)
-        if not found or current != found[-1].machine:
-            found.append(Era(start_s, current))
-    return tuple(found)
-
-
-def era_at(periods: Sequence[Era], time_s: float) -> Machine:
-    """Return the machine as it is at a time."""
-    current = periods[0].machine
-    for period in periods:
-        if period.start_s <= time_s:
-            current = period.machine
-    return current
+        machine = FAULTS[setting.fault].applied(machine, setting.values)
+    return machine
 
 
 def _with(part: str, place: str, machine: Machine, change: Callable[[Any], Any]) -> Machine:
@@ -339,7 +312,7 @@ _TABLE: tuple[tuple[Sequence[str], Sequence[tuple[Any, ...]]], ...] = (
         ("pulsating_pump", "pneumatics", _ALL, None, {"ripple": ("1", 0.0, 0.0, 0.85)}, _pulsate),
         # Leaf valves that do not close: air comes back through the pump.
         ("pump_lets_back", "pneumatics", _ALL, None, {"diameter_m": ("m", 0.0, 0.0, 0.3e-3)}, _return),
-        # A fan or a door: the room's pressure is another one from now on.
+        # A fan or a door: the room's pressure is another one.
         ("room_pressure", "pneumatics", _ALL, None, {"pressure_pa": ("Pa", 0.0, -2e3, 2e3)},
          _added("air", ambient_pa="pressure_pa")),
         ("recured", "tendon", _ALL, "viscoelasticity",

@@ -6,7 +6,6 @@ planned are angles and ways; what the hand makes of them differs a little, and i
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,6 @@ from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS
 from studies.blind.reality.air import PERIOD_S, SetPoint, breathe, together
 from studies.blind.reality.bodies import FOOT, TENDONS, compiled, still
-from studies.blind.reality.faults import era_at
 from studies.blind.reality.legs import Course, Stand, ankle_law, free_lengths_m, new_rows, note, pinned_m, truth
 from studies.blind.reality.machine import PLAIN, Machine, stream
 from studies.blind.reality.motion import advance_guided, lengths_and_rates
@@ -39,9 +37,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from studies.blind.reality.faults import Era
     from studies.blind.reality.sensors import Option, Plan
-    from studies.blind.reality.tendon import TendonLaw, TendonState
+    from studies.blind.reality.tendon import TendonState
 
     Floats = NDArray[np.float64]
 
@@ -113,7 +110,7 @@ _KNEE_M = 0.15
 """From the ankle up to the knee that a shank is shaken about."""
 
 
-def cycle(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def cycle(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Jam and vent each channel of a hanging foot, then all. Raises BadPlanError for a setting that there is not."""
     chosen = settings(plan, _CYCLE)
     jam_s, vent_s = float(chosen["jam_time_s"]), float(chosen["vent_time_s"])
@@ -126,10 +123,10 @@ def cycle(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     ]
     duration_s = start_s + len(groups) * (jam_s + vent_s)
     motion = _Motion(np.zeros_like, np.zeros_like, _hoisted, tuple(schedule), duration_s, is_by_hand=False)
-    return _run(plan, motion, periods, seed)
+    return _run(plan, motion, machine, seed)
 
 
-def tilt(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def tilt(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Hold the shank still in six poses, soft and then jammed. Raises BadPlanError as above."""
     chosen = settings(plan, _TILT)
     angle, hold_s = math.radians(float(chosen["tilt_deg"])) * _hand(seed), float(chosen["hold_s"])
@@ -145,10 +142,10 @@ def tilt(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         together(jam_s, CHANNELS, float(chosen["vacuum_pa"])),
         float(corner_s[-1]),
     )
-    return _run(plan, motion, periods, seed)
+    return _run(plan, motion, machine, seed)
 
 
-def shake(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def shake(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Rock the shank through a sweep, soft and then jammed. Raises BadPlanError as above."""
     chosen = settings(plan, _SHAKE)
     angle, sweep_s = math.radians(float(chosen["amplitude_deg"])) * _hand(seed), float(chosen["sweep_s"])
@@ -174,10 +171,10 @@ def shake(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         starts_s[1] + sweep_s + rest_s,
         pivot_m=_KNEE_M,
     )
-    return _run(plan, motion, periods, seed)
+    return _run(plan, motion, machine, seed)
 
 
-def press(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def press(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Press the foot onto the ground on toe, heel and sides, soft and then jammed. Raises BadPlanError as above."""
     chosen = settings(plan, _PRESS)
     angle, left = (math.radians(float(chosen[each])) for each in ("tilt_deg", "turn_deg"))
@@ -208,7 +205,7 @@ def press(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         friction=float(chosen["friction"]),
         touches=True,
     )
-    return _run(plan, motion, periods, seed)
+    return _run(plan, motion, machine, seed)
 
 
 def _hoisted(time_s: Floats) -> Floats:
@@ -303,30 +300,29 @@ class _Way:
         return self.time_s[self.start + 1 :]
 
 
-def _run(plan: Plan, motion: _Motion, periods: Sequence[Era], seed: int) -> RealRun:
+def _run(plan: Plan, motion: _Motion, machine: Machine, seed: int) -> RealRun:
     """Guide the shank, and return what was recorded."""
     duration_s = math.ceil(round(motion.duration_s / PERIOD_S, 6)) * PERIOD_S
-    air = breathe(periods, motion.schedule, duration_s, seed)
-    first = periods[0].machine
-    free_m = free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m)
+    air = breathe(machine, motion.schedule, duration_s, seed)
+    free_m = free_lengths_m(machine.ankle, machine.leg.hung_rad, machine.ankle.achilles_pretension_m)
     way = _guided(motion, duration_s, seed)
     channel = [index for index, name in enumerate(CHANNELS) for _ in names.TENDONS_OF_CHANNEL[name]]
     vacuum_pa = np.column_stack([np.interp(way.time_s, air.time_s, air.vacuum_pa[:, each]) for each in channel])
-    course = _moved(motion, way, periods, vacuum_pa, free_m)
+    course = _moved(motion, way, machine, vacuum_pa, free_m)
     joints: tuple[str, ...] = names.ANKLE_JOINTS
     places = course.angle_rad
-    choices: tuple[Callable[[Machine], Any], ...] = (lambda machine: machine.sensors.angle,) * len(joints)
+    encoders = (machine.sensors.angle,) * len(joints)
     if motion.touches:
         joints = (*joints, names.CARRIAGE_JOINT)
         places = np.column_stack([places, way.height_m[way.start + 1 :]])
-        choices = (*choices, lambda machine: machine.sensors.slide)
+        encoders = (*encoders, machine.sensors.slide)
     felt = Truth(way.run_s, way.felt[way.start + 1 :])
     topics = {
         **air.topics,
-        names.IMU.name: imu_track(periods, seed, felt, duration_s),
-        names.JOINT_STATES.name: encoder_track(periods, seed, joints, Truth(way.run_s, places), duration_s, choices),
+        names.IMU.name: imu_track(machine, seed, felt, duration_s),
+        names.JOINT_STATES.name: encoder_track(machine, seed, joints, Truth(way.run_s, places), duration_s, encoders),
         names.TENDON_STATES.name: tendon_track(
-            periods,
+            machine,
             seed,
             names.TENDONS,
             Truth(way.run_s, course.extension_m),
@@ -368,56 +364,23 @@ def _guided(motion: _Motion, duration_s: float, seed: int) -> _Way:
     )
 
 
-def _relaxed(
-    machine: Machine, stand: Stand, state: NDArray[Any], laws: Sequence[TendonLaw], slack_m: Floats
-) -> tuple[TendonState, ...]:
-    """Return tendons that have relaxed where the foot is now; those of `slack_m` carry nothing."""
-    length_m = np.zeros(TENDONS)
-    lengths_and_rates(ankle_law(machine, stand).packed(), state, length_m, np.zeros(TENDONS))
-    return tuple(tendon_state(law, float(each)) for law, each in zip(laws, length_m - slack_m, strict=True))
+def _moved(motion: _Motion, way: _Way, machine: Machine, vacuum_pa: Floats, free_m: Floats) -> Course:
+    """Let the foot settle, then move it."""
+    state = still(float(way.height_m[0]), 0.0, machine.leg.hung_rad)
+    stand = Stand(PLAIN.ankle_kg + 1.0, machine.leg.toe_m, motion.friction, 0.0, 0.0, motion.pivot_m)
+    law, laws = ankle_law(machine, stand).packed(), tuple(tendon_law(make, _STEP_S) for make in machine.tendons)
+    pin_play_m, pin_m, length_m = np.full(TENDONS, machine.leg.pin_play_m), np.zeros(TENDONS), np.zeros(TENDONS)
+    last, turns = len(way.time_s) - 1, way.turn.as_matrix()
+    rows = new_rows(last)
 
-
-def _moved(motion: _Motion, way: _Way, periods: Sequence[Era], vacuum_pa: Floats, free_m: Floats) -> Course:
-    """Let the foot settle, then move it stretch by stretch: what changes begins a new one."""
-    last = len(way.time_s) - 1
-    begins = [0, way.start, *(way.start + round(each.start_s / _STEP_S) for each in periods[1:]), last]
-    stops = sorted({min(each, last) for each in begins})
-    before = periods[0].machine
-    state = still(float(way.height_m[0]), 0.0, before.leg.hung_rad)
-    stand = Stand(PLAIN.ankle_kg + 1.0, before.leg.toe_m, motion.friction, 0.0, 0.0, motion.pivot_m)
-    pin_m, rows, turns = np.zeros(TENDONS), new_rows(last), way.turn.as_matrix()
-    laws = tuple(tendon_law(make, _STEP_S) for make in before.tendons)
-    for _ in range(_TIMES_HUNG):
-        tendons = _relaxed(before, stand, state, laws, free_m + pin_m)
+    def go(tendons: tuple[TendonState, ...], start: int, end: int) -> None:
         _go(
-            ankle_law(before, stand).packed(),
+            law,
             state,
             laws,
             tendons,
             free_m,
-            np.full(TENDONS, before.leg.pin_play_m),
-            pin_m,
-            np.zeros((way.start, TENDONS)),
-            turns[: way.start + 1],
-            way.height_m[: way.start + 1],
-            way.speeds[: way.start + 1],
-            _STEP_S,
-            rows[: way.start],
-        )
-    tendons = _relaxed(before, stand, state, laws, free_m + pin_m)
-    for start, end in itertools.pairwise(stops):
-        machine = era_at(periods, float(way.time_s[start]) + _STEP_S / 2.0)
-        if machine is not before:
-            for each in tendons:  # what warms up does so since the change
-                each.more[0] = 0.0
-        before = machine
-        _go(
-            ankle_law(machine, stand).packed(),
-            state,
-            tuple(tendon_law(make, _STEP_S) for make in machine.tendons),
-            tendons,
-            free_m,
-            np.full(TENDONS, machine.leg.pin_play_m),
+            pin_play_m,
             pin_m,
             vacuum_pa[start + 1 : end + 1],
             turns[start : end + 1],
@@ -426,4 +389,11 @@ def _moved(motion: _Motion, way: _Way, periods: Sequence[Era], vacuum_pa: Floats
             _STEP_S,
             rows[start:end],
         )
+
+    for _ in range(1 + _TIMES_HUNG):
+        lengths_and_rates(law, state, length_m, np.zeros(TENDONS))
+        extension_m = length_m - (free_m + pin_m)
+        tendons = tuple(tendon_state(each, float(by_m)) for each, by_m in zip(laws, extension_m, strict=True))
+        go(tendons, 0, way.start)
+    go(tendons, way.start, last)
     return truth(rows[way.start :], free_m, way.run_s)

@@ -17,10 +17,6 @@ from studies.blind.reality.machine import PLAIN, stream
 from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from studies.blind.reality.bodies import Law
-    from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
     from studies.blind.reality.sensors import Option, Plan, RealRun
 
@@ -40,12 +36,12 @@ RUNS = {"drop_height_m": 0.0005, "friction": 0.01}
 """Standard deviations over runs. Declared."""
 
 
-def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def landing(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Land a leg.
 
     Args:
         plan: Settings of the rig.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     Raises:
@@ -58,11 +54,10 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         raise BadPlanError(msg)
     higher, rougher = stream(seed, "landing").standard_normal(2)
     slope_rad, fall_m = math.radians(float(chosen["slope_deg"])), float(chosen["drop_height_m"])
-    first = periods[0].machine
-    touch_m = first.leg.as_built().touch_height_m(first.leg.toe_m, first.leg.hung_rad, slope_rad)
+    touch_m = machine.leg.as_built().touch_height_m(machine.leg.toe_m, machine.leg.hung_rad, slope_rad)
     stand = Stand(
         mass_kg=float(chosen["mass_kg"]),
-        toe_m=first.leg.toe_m,
+        toe_m=machine.leg.toe_m,
         friction=max(float(chosen["friction"]) + RUNS["friction"] * rougher, 0.0),
         slope_rad=slope_rad,
         touch_m=touch_m,
@@ -70,22 +65,18 @@ def landing(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     release_s = float(chosen["release_time_s"])
     landed_s = release_s + math.sqrt(2.0 * fall_m / STANDARD_GRAVITY_M_S2)
     jam_s = {"before": 0.0, "after": landed_s + _REACTION_S}.get(str(chosen["jam"]))
-
-    def law(machine: Machine) -> Law:
-        stiffness = WOOD_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15
-        return ankle_law(machine, stand, hertz(stiffness, WOOD_S_M))
-
+    stiffness = WOOD_N_M15 * machine.leg.sole_n_m15 / PLAIN.sole_n_m15
     scene = Scene(
-        law=law,
+        law=ankle_law(machine, stand, hertz(stiffness, WOOD_S_M)),
         height_m=touch_m + max(fall_m + RUNS["drop_height_m"] * higher, 0.0),
         leg_pitch_rad=0.0,
-        foot_pitch_rad=first.leg.hung_rad,
-        free_m=free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m),
+        foot_pitch_rad=machine.leg.hung_rad,
+        free_m=free_lengths_m(machine.ankle, machine.leg.hung_rad, machine.ankle.achilles_pretension_m),
         has_tendons=True,
         schedule=() if jam_s is None else together(jam_s, CHANNELS, float(chosen["vacuum_pa"])),
         duration_s=max(1, round((landed_s + _REST_S) / PERIOD_S)) * PERIOD_S,
-        release_s=release_s + round(first.rig.late_s, 3),
+        release_s=release_s + round(machine.rig.late_s, 3),
         drive_m=None,
         step_s=_STEP_S,
     )
-    return move(plan, scene, periods, seed)
+    return move(plan, scene, machine, seed)

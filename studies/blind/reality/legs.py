@@ -31,7 +31,6 @@ from studies.blind.reality.bodies import (
     still,
     turned_about_y,
 )
-from studies.blind.reality.faults import era_at
 from studies.blind.reality.motion import advance, lengths_and_rates
 from studies.blind.reality.sensors import RealRun, Truth, encoder_track, imu_track, load_cell_track, tendon_track
 from studies.blind.reality.tendon import tendon_law, tendon_state, tendon_tension_n
@@ -42,8 +41,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from studies.blind.reality.air import SetPoint
-    from studies.blind.reality.faults import Era
-    from studies.blind.reality.machine import Ankle, Machine
+    from studies.blind.reality.machine import Ankle, Machine, Sensor
     from studies.blind.reality.sensors import Plan
 
     Floats = NDArray[np.float64]
@@ -346,9 +344,9 @@ _MOUNT_DAMPING = 0.06
 
 @dataclass(frozen=True)
 class Scene:
-    """One run of a leg, but for what is wrong with it."""
+    """One run of a leg."""
 
-    law: Callable[[Machine], Law]
+    law: Law
     height_m: float
     """Where the carriage starts."""
     leg_pitch_rad: float
@@ -369,35 +367,35 @@ class Scene:
     """Of the tendons, once released."""
 
 
-def move(plan: Plan, scene: Scene, periods: Sequence[Era], seed: int) -> RealRun:
+def move(plan: Plan, scene: Scene, machine: Machine, seed: int) -> RealRun:
     """Run a scene, and return what was recorded.
 
     Args:
         plan: Kept with the run.
         scene: What is set up.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     """
-    air = breathe(periods, scene.schedule, scene.duration_s, seed)
-    course = _course(scene, periods, air.time_s, air.vacuum_pa)
+    air = breathe(machine, scene.schedule, scene.duration_s, seed)
+    course = _course(scene, machine, air.time_s, air.vacuum_pa)
     time_s, duration_s = course.time_s, scene.duration_s
-    force = _mounted(periods, course)
-    imu = imu_track(periods, seed, Truth(time_s, np.column_stack([force, np.zeros_like(force)])), duration_s)
+    force = _mounted(machine, course)
+    imu = imu_track(machine, seed, Truth(time_s, np.column_stack([force, np.zeros_like(force)])), duration_s)
     joints: tuple[str, ...] = (names.CARRIAGE_JOINT,)
     places = course.height_m[:, None]
-    choices: tuple[Callable[[Machine], object], ...] = (lambda machine: machine.sensors.slide,)
+    encoders: tuple[Sensor, ...] = (machine.sensors.slide,)
     topics = {
         **air.topics,
         names.IMU.name: imu,
-        names.LOAD_CELL.name: load_cell_track(periods, seed, Truth(time_s, course.cell_n), duration_s),
+        names.LOAD_CELL.name: load_cell_track(machine, seed, Truth(time_s, course.cell_n), duration_s),
     }
     if scene.has_tendons:
         joints = (*names.ANKLE_JOINTS, *joints)
         places = np.column_stack([course.angle_rad, places])
-        choices = ((lambda machine: machine.sensors.angle),) * len(names.ANKLE_JOINTS) + choices
+        encoders = (*(machine.sensors.angle,) * len(names.ANKLE_JOINTS), *encoders)
         topics[names.TENDON_STATES.name] = tendon_track(
-            periods,
+            machine,
             seed,
             names.TENDONS,
             Truth(time_s, course.extension_m),
@@ -405,43 +403,26 @@ def move(plan: Plan, scene: Scene, periods: Sequence[Era], seed: int) -> RealRun
             Truth(time_s, course.torn),
             duration_s,
         )
-    topics[names.JOINT_STATES.name] = encoder_track(
-        periods,
-        seed,
-        joints,
-        Truth(time_s, places),
-        duration_s,
-        choices,  # type: ignore[arg-type]  # all of them are sensors
-    )
+    topics[names.JOINT_STATES.name] = encoder_track(machine, seed, joints, Truth(time_s, places), duration_s, encoders)
     return RealRun(plan, topics)
 
 
-def _course(scene: Scene, periods: Sequence[Era], air_s: Floats, vacuum_pa: Floats) -> Course:
-    """Advance the leg, stretch by stretch: what is held is stepped coarsely, and what changes begins a new one."""
-    inner = max(1, round(scene.step_s / _BODY_S))
-    stops_s = {0.0, scene.release_s, scene.duration_s}
-    stops_s |= {period.start_s for period in periods[1:] if 0.0 < period.start_s < scene.duration_s}
-    stops = sorted({round(each / _COARSE_S) for each in stops_s})
+def _course(scene: Scene, machine: Machine, air_s: Floats, vacuum_pa: Floats) -> Course:
+    """Advance the leg: coarsely while it is held, then in the steps of the scene."""
+    stops = sorted({round(each / _COARSE_S) for each in (0.0, scene.release_s, scene.duration_s)})
     channel = [index for index, name in enumerate(names.CHANNELS) for _ in names.TENDONS_OF_CHANNEL[name]]
     state = still(scene.height_m, scene.leg_pitch_rad, scene.leg_pitch_rad + scene.foot_pitch_rad)
-    first = scene.law(periods[0].machine).packed()
+    law = scene.law.packed()
     length_m, rate_m_s = np.zeros(TENDONS), np.zeros(TENDONS)
-    lengths_and_rates(first, state, length_m, rate_m_s)
-    makes = periods[0].machine.tendons
+    lengths_and_rates(law, state, length_m, rate_m_s)
     tendons = tuple(
         tendon_state(tendon_law(make, _COARSE_S), float(length))
-        for make, length in zip(makes, length_m - scene.free_m, strict=True)
+        for make, length in zip(machine.tendons, length_m - scene.free_m, strict=True)
     )
     pin_m = np.zeros(TENDONS)
     stretches: list[tuple[Floats, Floats]] = []
-    before = periods[0].machine
     for start, end in itertools.pairwise(stops):
         start_s = start * _COARSE_S
-        machine = era_at(periods, start_s + _COARSE_S / 2.0)
-        if machine is not before:
-            for each in tendons:  # what warms up does so since the change
-                each.more[0] = 0.0
-        before = machine
         is_held = start_s < scene.release_s - _COARSE_S / 2.0
         step_s = _COARSE_S if is_held else scene.step_s
         count = round((end - start) * _COARSE_S / step_s)
@@ -449,7 +430,7 @@ def _course(scene: Scene, periods: Sequence[Era], air_s: Floats, vacuum_pa: Floa
         held_pa = np.column_stack([np.interp(time_s[1:], air_s, vacuum_pa[:, each]) for each in channel])
         rows = new_rows(count)
         go(
-            scene.law(machine).packed(),
+            law,
             state,
             tuple(tendon_law(make, step_s) for make in machine.tendons),
             tendons,
@@ -457,7 +438,7 @@ def _course(scene: Scene, periods: Sequence[Era], air_s: Floats, vacuum_pa: Floa
             np.full(TENDONS, machine.leg.pin_play_m),
             pin_m,
             held_pa,
-            round(step_s / _BODY_S) if is_held else inner,
+            max(1, round(step_s / _BODY_S)),
             step_s,
             is_held,
             np.zeros(count + 1) if scene.drive_m is None else scene.drive_m(time_s),
@@ -482,19 +463,13 @@ def _even(stretches: Sequence[tuple[Floats, Floats]], even_s: Floats, scene: Sce
     return np.concatenate(parts)
 
 
-def _mounted(periods: Sequence[Era], course: Course) -> Floats:
+def _mounted(machine: Machine, course: Course) -> Floats:
     """Return what the IMU feels: what the carriage does, through its mount where that is soft."""
-    found = course.specific_force_m_s2
+    force, softness = course.specific_force_m_s2, machine.leg.mount_s2
+    if softness <= 0.0:
+        return force
     step_s = float(course.time_s[1] - course.time_s[0])
-    for place, period in enumerate(periods):
-        softness = period.machine.leg.mount_s2
-        if softness <= 0.0:
-            continue
-        damping = 2.0 * _MOUNT_DAMPING * math.sqrt(softness)
-        numerator, denominator = filters.bilinear([damping, 1.0], [softness, damping, 1.0], 1.0 / step_s)
-        level = course.specific_force_m_s2[0]
-        swung = level + filters.lfilter(numerator, denominator, course.specific_force_m_s2 - level, axis=0)
-        end_s = periods[place + 1].start_s if place + 1 < len(periods) else math.inf
-        chosen = (course.time_s > period.start_s) & (course.time_s <= end_s)
-        found = np.where(chosen[:, None], swung, found)
-    return found
+    damping = 2.0 * _MOUNT_DAMPING * math.sqrt(softness)
+    numerator, denominator = filters.bilinear([damping, 1.0], [softness, damping, 1.0], 1.0 / step_s)
+    swung: Floats = force[0] + filters.lfilter(numerator, denominator, force - force[0], axis=0)
+    return swung

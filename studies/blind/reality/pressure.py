@@ -16,14 +16,10 @@ from studies.blind.reality.sensors import BadPlanError, RealRun, Truth, encoder_
 from studies.blind.reality.tendon import TIME, bristle_n, tendon_law, tendon_state, tendon_tension_n
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from numpy.typing import NDArray
 
-    from studies.blind.reality.faults import Era
-    from studies.blind.reality.machine import Ankle, Machine, Sensor
+    from studies.blind.reality.machine import Ankle, Machine
     from studies.blind.reality.sensors import Option, Plan
-    from studies.blind.reality.tendon import TendonLaw
 
 JOINTS = names.ANKLE_JOINTS
 """Roll, pitch, yaw."""
@@ -78,20 +74,19 @@ class Hanging:
     """Shape (n, tendons)."""
 
 
-def hang(periods: Sequence[Era], vacuum_pa: NDArray[np.float64], row_s: float) -> Hanging:
+def hang(machine: Machine, vacuum_pa: NDArray[np.float64], row_s: float) -> Hanging:
     """Let the foot hang, from rest, while the vacuum comes and goes.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         vacuum_pa: Of each channel, shape (n, channels).
         row_s: Between two rows of it.
 
     """
     step_s = row_s / _SUBSTEPS
-    first = periods[0].machine
-    foot, swing = _foot(first.ankle), Swing(np.zeros(3), np.zeros(3), np.zeros(3))
-    laws = _laws(periods[0], step_s)
-    states = tuple(tendon_state(law, _pretension_m(first.ankle, i)) for i, law in enumerate(laws))
+    foot, swing = _foot(machine.ankle), Swing(np.zeros(3), np.zeros(3), np.zeros(3))
+    laws = tuple(tendon_law(make, step_s) for make in machine.tendons)
+    states = tuple(tendon_state(law, _pretension_m(machine.ankle, i)) for i, law in enumerate(laws))
     still, rows = np.zeros((_SETTLING_ROWS, vacuum_pa.shape[1])), np.zeros((_SETTLING_ROWS, _COLUMNS))
     for _ in range(_SETTLING):
         _swing(laws, states, foot, swing, still, step_s, rows)
@@ -99,18 +94,10 @@ def hang(periods: Sequence[Era], vacuum_pa: NDArray[np.float64], row_s: float) -
         for state in states:
             state.branch_pa[:] = 0.0
             state.stretched[:] = 0.0
+    for state in states:
+        state.more[TIME] = 0.0  # warming begins with the run
     rows = np.zeros((len(vacuum_pa), _COLUMNS))
-    start = 0
-    for i, period in enumerate(periods):
-        end_s = periods[i + 1].start_s if i + 1 < len(periods) else math.inf
-        end = len(vacuum_pa) if end_s == math.inf else min(len(vacuum_pa), math.ceil(end_s / row_s))
-        if end <= start:
-            continue
-        for state in states:
-            state.more[TIME] = 0.0
-        foot, part, out = _foot(period.machine.ankle), vacuum_pa[start:end], rows[start:end]
-        _swing(_laws(period, step_s), states, foot, swing, part, step_s, out)
-        start = end
+    _swing(laws, states, foot, swing, vacuum_pa, step_s, rows)
     return Hanging(rows[:, :3], rows[:, 3:7], rows[:, 7:])
 
 
@@ -127,10 +114,6 @@ def _pretension_m(ankle: Ankle, tendon: int) -> float:
     """Extension at the neutral pose: that of the peroneal tendons balances the Achilles pair by its lever."""
     peroneal_m = ankle.achilles_pretension_m * ankle.achilles_arm_m / ankle.peroneal_forward_m
     return ankle.achilles_pretension_m if names.TENDONS[tendon].startswith(names.ACHILLES) else peroneal_m
-
-
-def _laws(period: Era, step_s: float) -> tuple[TendonLaw, ...]:
-    return tuple(tendon_law(make, step_s) for make in period.machine.tendons)
 
 
 def _foot(ankle: Ankle) -> Foot:
@@ -228,12 +211,12 @@ _START_S = 0.2
 _HEIGHT_M = 0.3
 
 
-def pressure(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def pressure(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Jam and vent.
 
     Args:
         plan: Settings of the rig.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     Raises:
@@ -254,22 +237,19 @@ def pressure(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         for point in (*together(start_s, channels, vacuum_pa), *together(start_s + jam_s, channels, 0.0))
     ]
     duration_s = round((_START_S + len(starts_s) * period_s) * 100.0) / 100.0
-    air = breathe(periods, schedule, duration_s, seed)
-    motion = hang(periods, air.vacuum_pa, HISTORY_S)
+    air = breathe(machine, schedule, duration_s, seed)
+    motion = hang(machine, air.vacuum_pa, HISTORY_S)
 
     carriage_m = np.full((len(air.time_s), 1), _HEIGHT_M)
     joints = Truth(air.time_s, np.column_stack([motion.angle_rad, carriage_m]))
-    choices: tuple[Callable[[Machine], Sensor], ...] = (
-        *((lambda machine: machine.sensors.angle,) * len(JOINTS)),
-        lambda machine: machine.sensors.slide,
-    )
+    encoders = (*(machine.sensors.angle,) * len(JOINTS), machine.sensors.slide)
     topics = {
         **air.topics,
         names.JOINT_STATES.name: encoder_track(
-            periods, seed, (*JOINTS, names.CARRIAGE_JOINT), joints, duration_s, choices
+            machine, seed, (*JOINTS, names.CARRIAGE_JOINT), joints, duration_s, encoders
         ),
         names.TENDON_STATES.name: tendon_track(
-            periods,
+            machine,
             seed,
             names.TENDONS,
             Truth(air.time_s, motion.extension_m),

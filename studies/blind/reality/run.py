@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from studies.blind.reality.drop import drop
-from studies.blind.reality.faults import FAULTS, eras
+from studies.blind.reality.faults import with_faults
 from studies.blind.reality.guided import cycle, press, shake, tilt
 from studies.blind.reality.landing import landing
 from studies.blind.reality.pressure import pressure
@@ -17,11 +17,11 @@ from studies.blind.reality.tensile import tensile
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from studies.blind.reality.faults import Era, FaultSetting
+    from studies.blind.reality.faults import FaultSetting
     from studies.blind.reality.machine import Machine
     from studies.blind.reality.sensors import Plan, RealRun
 
-RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
+RIGS: Mapping[str, Callable[[Plan, Machine, int], RealRun]] = {
     "tensile": tensile,
     "pressure": pressure,
     "drop": drop,
@@ -32,7 +32,7 @@ RIGS: Mapping[str, Callable[[Plan, Sequence[Era], int], RealRun]] = {
     "shake": shake,
     "tilt": tilt,
 }
-"""What carries out a plan, by the name of the rig: plan, machine over time, seed."""
+"""What carries out a plan, by the name of the rig: plan, machine with its faults on the day of the run, seed."""
 
 
 def run(plan: Plan, machine: Machine, faults: Sequence[FaultSetting], seed: int) -> RealRun:
@@ -41,7 +41,7 @@ def run(plan: Plan, machine: Machine, faults: Sequence[FaultSetting], seed: int)
     Args:
         plan: The rig and its settings.
         machine: The specimen, in order.
-        faults: What is wrong with it, and since when.
+        faults: What is wrong with it.
         seed: Of the day and of all noise; the same seed gives the same bits. Faults take nothing from its numbers.
 
     Raises:
@@ -52,4 +52,4 @@ def run(plan: Plan, machine: Machine, faults: Sequence[FaultSetting], seed: int)
     if plan.rig not in RIGS:
         msg = f"rig '{plan.rig}' does not exist here; known are: {', '.join(RIGS)}"
         raise BadPlanError(msg)
-    return RIGS[plan.rig](plan, eras(today(machine, seed), faults, FAULTS), seed)
+    return RIGS[plan.rig](plan, with_faults(today(machine, seed), faults), seed)

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal as filters  # type: ignore[import-untyped]  # carries no types
 
-from studies.blind.reality.faults import era_at
 from studies.blind.reality.machine import stream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from studies.blind.reality.faults import Era
-    from studies.blind.reality.machine import Machine, Sensor
+    from studies.blind.reality.machine import Clock, Machine, Sensor, Sensors
 
 Option = float | str | bool
 
@@ -142,11 +140,11 @@ class Moments:
     """Shape (kept,)."""
 
 
-def moments(periods: Sequence[Era], seed: int, name: str, rate_hz: float, duration_s: float) -> Moments:
+def moments(clock: Clock, seed: int, name: str, rate_hz: float, duration_s: float) -> Moments:
     """Return the moments of a stream over a run.
 
     Args:
-        periods: The machine over time.
+        clock: Of the sensors.
         seed: Of the run.
         name: Of the stream; streams jitter independently.
         rate_hz: Samples per second; the first is taken one period after the start.
@@ -155,28 +153,16 @@ def moments(periods: Sequence[Era], seed: int, name: str, rate_hz: float, durati
     """
     draw = stream(seed, f"moments of {name}")
     count = round(duration_s * rate_hz)
-    clock = periods[0].machine.sensors.clock
     even_s = np.arange(1, count + 1, dtype=np.float64) / rate_hz
     taken_s = even_s + np.clip(clock.sample_jitter_s * draw.standard_normal(count), -0.3 / rate_hz, 0.3 / rate_hz)
     stamp_jitter_s = clock.stamp_jitter_s * draw.standard_normal(count)
     late_s = clock.log_s + clock.log_jitter_s * draw.exponential(size=count)
     lost = draw.random(count) < clock.dropped
     lost[0] = False
-    stamp_s = np.maximum.accumulate(np.maximum(skewed_s(periods, taken_s) + stamp_jitter_s, 0.0))
+    stamp_s = np.maximum.accumulate(np.maximum(taken_s + clock.skew * taken_s + stamp_jitter_s, 0.0))
     log_s = np.maximum.accumulate(taken_s + late_s)
     log_s += 1e-9 * np.arange(count)
     return Moments(~lost, taken_s, stamp_s[~lost], log_s[~lost])
-
-
-def skewed_s(periods: Sequence[Era], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what the sensors' clock shows at times of the recorder's."""
-    found: NDArray[np.float64] = time_s.copy()
-    before = 0.0
-    for period in periods:
-        skew = period.machine.sensors.clock.skew
-        found += (skew - before) * np.maximum(time_s - max(period.start_s, 0.0), 0.0)
-        before = skew
-    return found
 
 
 __all__ = ["Truth", "encoder_track", "imu_track", "load_cell_track", "sensed", "tendon_track", "track"]
@@ -199,23 +185,15 @@ _RATE_WINDOW = 9
 """Readings over which an encoder's rate is taken: a straight line through them."""
 
 
-def sensed(
-    periods: Sequence[Era],
-    seed: int,
-    name: str,
-    truth: Truth,
-    when: Moments,
-    choose: Callable[[Machine], Sensor],
-) -> NDArray[np.float64]:
+def sensed(sensor: Sensor, seed: int, name: str, truth: Truth, when: Moments) -> NDArray[np.float64]:
     """Return readings of all columns of a truth by sensors of one kind, shape (all samples, columns), lost ones too.
 
     Args:
-        periods: The machine over time.
+        sensor: Each of them.
         seed: Of the run.
         name: Of the sensor; sensors have noise of their own.
         truth: What they measure.
         when: The moments of their stream.
-        choose: Finds the sensor in a machine.
 
     """
     step_s = float(truth.time_s[1] - truth.time_s[0])
@@ -223,14 +201,10 @@ def sensed(
     period_s = float(np.median(np.diff(when.taken_s))) if when.taken_s.size > 1 else step_s
     for column in range(truth.values.shape[1]):
         draw = stream(seed, f"{name} {column}")
-        unit = coloured(draw, choose(periods[0].machine), period_s, when.taken_s.size)
-        for place, period in enumerate(periods):
-            sensor = choose(period.machine)
-            end_s = periods[place + 1].start_s if place + 1 < len(periods) else math.inf
-            chosen = (when.taken_s >= period.start_s) & (when.taken_s < end_s)
-            slow = lagged(truth.values[:, column], sensor.lag_s, step_s)
-            raw = np.interp(when.taken_s[chosen] - sensor.delay_s, truth.time_s, slow)
-            found[chosen, column] = digitised(sensor.gain * raw + sensor.offset + unit[chosen], sensor)
+        noise = coloured(draw, sensor, period_s, when.taken_s.size)
+        slow = lagged(truth.values[:, column], sensor.lag_s, step_s)
+        raw = np.interp(when.taken_s - sensor.delay_s, truth.time_s, slow)
+        found[:, column] = digitised(sensor.gain * raw + sensor.offset + noise, sensor)
     return found
 
 
@@ -250,28 +224,28 @@ def encoder_rate(values: NDArray[np.float64], rate_hz: float) -> NDArray[np.floa
 
 
 def encoder_track(
-    periods: Sequence[Era],
+    machine: Machine,
     seed: int,
     joints: Sequence[str],
     truth: Truth,
     duration_s: float,
-    choices: Sequence[Callable[[Machine], Sensor]],
+    encoders: Sequence[Sensor],
 ) -> Track:
     """Return `joint_states`: positions of all joints, then their rates as firmware makes them.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
         joints: Names.
         truth: Positions, one column per joint.
         duration_s: Of the run.
-        choices: Finds each joint's encoder in a machine.
+        encoders: Of each joint.
 
     """
-    when = moments(periods, seed, "joint states", STATE_HZ, duration_s)
+    when = moments(machine.sensors.clock, seed, "joint states", STATE_HZ, duration_s)
     columns = [
-        sensed(periods, seed, f"encoder of {joint}", Truth(truth.time_s, truth.values[:, i : i + 1]), when, choose)
-        for i, (joint, choose) in enumerate(zip(joints, choices, strict=True))
+        sensed(encoder, seed, f"encoder of {joint}", Truth(truth.time_s, truth.values[:, i : i + 1]), when)
+        for i, (joint, encoder) in enumerate(zip(joints, encoders, strict=True))
     ]
     position = np.column_stack(columns)
     names = tuple(f"{joint}.{what}" for what in ("position", "velocity") for joint in joints)
@@ -279,7 +253,7 @@ def encoder_track(
 
 
 def tendon_track(
-    periods: Sequence[Era],
+    machine: Machine,
     seed: int,
     tendons: Sequence[str],
     extension: Truth,
@@ -290,7 +264,7 @@ def tendon_track(
     """Return `tendon_states` of instrumented tendons.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
         tendons: Names.
         extension: One column per tendon, m.
@@ -299,9 +273,9 @@ def tendon_track(
         duration_s: Of the run.
 
     """
-    when = moments(periods, seed, "tendon states", STATE_HZ, duration_s)
-    stretched = sensed(periods, seed, "extension", extension, when, lambda machine: machine.sensors.extension)
-    pulled = sensed(periods, seed, "tension", tension, when, lambda machine: machine.sensors.tension)
+    when = moments(machine.sensors.clock, seed, "tendon states", STATE_HZ, duration_s)
+    stretched = sensed(machine.sensors.extension, seed, "extension", extension, when)
+    pulled = sensed(machine.sensors.tension, seed, "tension", tension, when)
     rate = encoder_rate(stretched, STATE_HZ)
     torn = np.column_stack([
         np.interp(when.taken_s, broken.time_s, broken.values[:, i]) >= 1.0 for i in range(len(tendons))
@@ -311,85 +285,63 @@ def tendon_track(
     return track(names, when, np.column_stack(columns))
 
 
-def load_cell_track(periods: Sequence[Era], seed: int, force: Truth, duration_s: float) -> Track:
+def load_cell_track(machine: Machine, seed: int, force: Truth, duration_s: float) -> Track:
     """Return `load_cell/wrench`.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
         force: x, y, z, tension positive on z, N.
         duration_s: Of the run.
 
     """
-    when = moments(periods, seed, "load cell", STATE_HZ, duration_s)
+    sensors = machine.sensors
+    when = moments(sensors.clock, seed, "load cell", STATE_HZ, duration_s)
     step_s = float(force.time_s[1] - force.time_s[0])
-    crept = force.values.copy()
-    for period in periods:
-        sensors = period.machine.sensors
-        if sensors.cell_creep != 0.0:
-            later = force.time_s >= period.start_s
-            slow = lagged(force.values * later[:, None], sensors.cell_creep_s, step_s)
-            crept = np.where(later[:, None], force.values + sensors.cell_creep * slow, crept)
-    found = sensed(
-        periods, seed, "load cell", Truth(force.time_s, crept), when, lambda machine: machine.sensors.load_cell
-    )
-    return track(LOAD_CELL_COLUMNS, when, found + _spikes(periods, seed, when.taken_s))
+    crept = force.values + sensors.cell_creep * lagged(force.values, sensors.cell_creep_s, step_s)
+    found = sensed(sensors.load_cell, seed, "load cell", Truth(force.time_s, crept), when)
+    return track(LOAD_CELL_COLUMNS, when, found + _spikes(sensors, seed, when.taken_s.size))
 
 
-def _spikes(periods: Sequence[Era], seed: int, taken_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what sparks nearby add to the load cell, shape (n, 3); one lasts a sample or two."""
+def _spikes(sensors: Sensors, seed: int, count: int) -> NDArray[np.float64]:
+    """Return what sparks nearby add to the load cell, shape (count, 3); one lasts a sample or two."""
     draw = stream(seed, "spikes")
-    chance, size = draw.random(taken_s.size), draw.standard_normal((taken_s.size, 3))
-    found = np.zeros((taken_s.size, 3))
-    for i, time_s in enumerate(taken_s.tolist()):
-        sensors = era_at(periods, time_s).sensors
-        if sensors.spikes_hz > 0.0 and chance[i] < sensors.spikes_hz / STATE_HZ:
-            found[i] += sensors.spike_n * np.sign(size[i]) * (0.5 + np.abs(size[i]))
-            if i + 1 < taken_s.size:
-                found[i + 1] -= 0.4 * found[i]
+    chance, size = draw.random(count), draw.standard_normal((count, 3))
+    found = np.zeros((count, 3))
+    for i in np.flatnonzero(chance < sensors.spikes_hz / STATE_HZ):
+        found[i] += sensors.spike_n * np.sign(size[i]) * (0.5 + np.abs(size[i]))
+        if i + 1 < count:
+            found[i + 1] -= 0.4 * found[i]
     return found
 
 
-def imu_track(periods: Sequence[Era], seed: int, motion: Truth, duration_s: float) -> Track:
+def imu_track(machine: Machine, seed: int, motion: Truth, duration_s: float) -> Track:
     """Return `imu/data`.
 
     Args:
-        periods: The machine over time.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
         motion: Specific force, m/s^2, and angular velocity, rad/s, x, y, z each, in the frame of the mount. Steps of
             1 ms or less.
         duration_s: Of the run.
 
     """
-    when = moments(periods, seed, "imu", IMU_HZ, duration_s)
-    step_s = float(motion.time_s[1] - motion.time_s[0])
+    when = moments(machine.sensors.clock, seed, "imu", IMU_HZ, duration_s)
+    imu, step_s = machine.sensors.imu, float(motion.time_s[1] - motion.time_s[0])
+    turn = _turn(imu.turn_rad)
+    raw = np.column_stack([motion.values[:, :3] @ turn, motion.values[:, 3:] @ turn])
+    raw += np.array([*imu.offset_m_s2, *imu.offset_rad_s])
+    limits = np.array([imu.acceleration.limit * imu.clip] * 3 + [imu.rate.limit] * 3)
+    raw = np.clip(raw, -limits, limits)
+    # Butterworth; its overshoot stays within what the converter can give.
+    sections = filters.butter(2, imu.bandwidth_hz, fs=1.0 / step_s, output="sos")
+    start = filters.sosfilt_zi(sections)[:, :, None] * raw[0][None, None, :]
+    smooth, _ = filters.sosfilt(sections, raw, axis=0, zi=start)
     found = np.zeros((when.taken_s.size, 6))
-    first = periods[0].machine.sensors.imu
-    draws = [stream(seed, f"imu {axis}") for axis in range(6)]
-    noise = np.column_stack(
-        [
-            coloured(draw, first.acceleration if axis < 3 else first.rate, 1.0 / IMU_HZ, when.taken_s.size)  # noqa: PLR2004
-            for axis, draw in enumerate(draws)
-        ]
-    )
-    for place, period in enumerate(periods):
-        imu = period.machine.sensors.imu
-        end_s = periods[place + 1].start_s if place + 1 < len(periods) else math.inf
-        chosen = (when.taken_s >= period.start_s) & (when.taken_s < end_s)
-        turn = _turn(imu.turn_rad)
-        raw = np.column_stack([motion.values[:, :3] @ turn, motion.values[:, 3:] @ turn])
-        raw += np.array([*imu.offset_m_s2, *imu.offset_rad_s])
-        limits = np.array([imu.acceleration.limit * imu.clip] * 3 + [imu.rate.limit] * 3)
-        raw = np.clip(raw, -limits, limits)
-        # Butterworth; its overshoot stays within what the converter can give.
-        sections = filters.butter(2, imu.bandwidth_hz, fs=1.0 / step_s, output="sos")
-        start = filters.sosfilt_zi(sections)[:, :, None] * raw[0][None, None, :]
-        smooth, _ = filters.sosfilt(sections, raw, axis=0, zi=start)
-        for axis in range(6):
-            sensor = imu.acceleration if axis < 3 else imu.rate  # noqa: PLR2004  # accelerations, then rates
-            sampled = np.interp(when.taken_s[chosen] - imu.delay_s, motion.time_s, smooth[:, axis])
-            within = np.clip(sampled + noise[chosen, axis], -limits[axis], limits[axis])
-            found[chosen, axis] = digitised(within, sensor)
+    for axis, sensor in enumerate((imu.acceleration,) * 3 + (imu.rate,) * 3):
+        noise = coloured(stream(seed, f"imu {axis}"), sensor, 1.0 / IMU_HZ, when.taken_s.size)
+        sampled = np.interp(when.taken_s - imu.delay_s, motion.time_s, smooth[:, axis])
+        found[:, axis] = digitised(np.clip(sampled + noise, -limits[axis], limits[axis]), sensor)
     return track(IMU_COLUMNS, when, found)
 
 

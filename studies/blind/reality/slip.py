@@ -19,12 +19,9 @@ from studies.blind.reality.machine import PLAIN, stream
 from studies.blind.reality.sensors import BadPlanError, settings
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from studies.blind.reality.bodies import Law
-    from studies.blind.reality.faults import Era
     from studies.blind.reality.machine import Machine
     from studies.blind.reality.sensors import Option, Plan, RealRun
 
@@ -56,12 +53,12 @@ _FRICTION, _SLOPE_RAD = 0.01, math.radians(0.2)
 """Standard deviations over runs. Declared."""
 
 
-def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def slip(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Push a leg down a slope.
 
     Args:
         plan: Settings of the rig.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     Raises:
@@ -77,24 +74,20 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     planned = float(chosen["edge_friction"] if foot == RIGID_ANKLE else chosen["friction"])
     slope_rad = math.radians(float(chosen["slope_deg"]))
     leg_m, speed_m_s = float(chosen["leg_m"]), float(chosen["speed_m_s"])
-    first = periods[0].machine
-    tilt_rad = _hanging_rad(first, leg_m)
-    touch_m = _touch_m(first, tilt_rad, slope_rad, leg_m)
+    tilt_rad = _hanging_rad(machine, leg_m)
+    touch_m = _touch_m(machine, tilt_rad, slope_rad, leg_m)
     stand = Stand(
         mass_kg=_CARRIAGE_KG + _CELL_KG + PLAIN.ankle_kg,
-        toe_m=first.leg.toe_m,
+        toe_m=machine.leg.toe_m,
         friction=max(planned + _FRICTION * rougher, 0.0),
         slope_rad=slope_rad + _SLOPE_RAD * steeper,
         touch_m=touch_m,
         pivot_m=leg_m,
     )
     start_m = touch_m + _CLEARANCE_M
-    push_s = _PUSH_S + first.rig.late_s
+    push_s = _PUSH_S + machine.rig.late_s
     halt_s = push_s + (float(chosen["descent_m"]) + _CLEARANCE_M) / speed_m_s
-    real_m_s = speed_m_s * (1.0 + first.rig.speed_error)
-
-    def law(machine: Machine) -> Law:
-        return _law(machine, foot, stand)
+    real_m_s = speed_m_s * (1.0 + machine.rig.speed_error)
 
     def drive_m(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         corners_s = np.array([0.0, push_s, push_s + _RAMP_S, halt_s, halt_s + _RAMP_S, halt_s + 10.0])
@@ -108,11 +101,11 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         return found
 
     scene = Scene(
-        law=law,
+        law=_law(machine, foot, stand),
         height_m=start_m,
         leg_pitch_rad=tilt_rad,
-        foot_pitch_rad=first.leg.hung_rad,
-        free_m=free_lengths_m(first.ankle, first.leg.hung_rad, first.ankle.achilles_pretension_m),
+        foot_pitch_rad=machine.leg.hung_rad,
+        free_m=free_lengths_m(machine.ankle, machine.leg.hung_rad, machine.ankle.achilles_pretension_m),
         has_tendons=foot != RIGID_ANKLE,
         schedule=together(_JAM_S, CHANNELS, float(chosen["vacuum_pa"])) if foot == JAMMED else (),
         duration_s=math.ceil(round((halt_s + _HOLD_S) / PERIOD_S, 6)) * PERIOD_S,
@@ -120,7 +113,7 @@ def slip(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
         drive_m=drive_m,
         step_s=_STEP_S,
     )
-    return move(plan, scene, periods, seed)
+    return move(plan, scene, machine, seed)
 
 
 def _law(machine: Machine, foot: str, stand: Stand) -> Law:

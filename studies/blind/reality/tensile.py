@@ -22,12 +22,9 @@ from studies.blind.reality.sensors import (
 from studies.blind.reality.tendon import BREAK, SHORTER, TENSION, TIME, TORN, tendon_law, tendon_state, tendon_tension_n
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
-    from studies.blind.reality.faults import Era
-    from studies.blind.reality.machine import Rig
+    from studies.blind.reality.machine import Machine, Rig
     from studies.blind.reality.sensors import Option, Plan
 
 DEFAULTS: dict[str, Option] = {
@@ -48,12 +45,12 @@ _FAST_M_S = 0.05
 """Speed of the crosshead above which the steps are fine."""
 
 
-def tensile(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
+def tensile(plan: Plan, machine: Machine, seed: int) -> RealRun:
     """Pull a tendon.
 
     Args:
         plan: Settings of the rig.
-        periods: The machine over time, on the day of the run.
+        machine: With its faults, on the day of the run.
         seed: Of the run.
 
     Raises:
@@ -69,15 +66,15 @@ def tensile(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     duration_s = _PULL_S + 2.0 * extension_m / speed_m_s + _END_S
     duration_s = math.ceil(round(duration_s / PERIOD_S, 6)) * PERIOD_S
     schedule = (SetPoint(_JAM_S, _CHANNEL, vacuum_pa),) if vacuum_pa > 0.0 else ()
-    air = breathe(periods, schedule, duration_s, seed)
+    air = breathe(machine, schedule, duration_s, seed)
 
     step_s = _FINE_S if speed_m_s > _FAST_M_S else _COARSE_S
     time_s = step_s * np.arange(round(duration_s / step_s) + 1, dtype=np.float64)
-    rig = periods[0].machine.rig
+    rig = machine.rig
     travel_m = _travel_m(time_s, rig, speed_m_s, extension_m)
     held_pa = np.interp(time_s, air.time_s, air.vacuum_pa[:, names.CHANNELS.index(_CHANNEL)])
     mounted_m = rig.mounting_m + float(chosen["mounting_error_m"])
-    tension_n, torn = _pull(periods, str(chosen["material"]), travel_m + mounted_m, held_pa, step_s)
+    tension_n, torn = _pull(machine, str(chosen["material"]), travel_m + mounted_m, held_pa, step_s)
 
     slide = Truth(time_s, travel_m[:, None])
     extension = Truth(time_s, (travel_m + float(chosen["mounting_error_m"]))[:, None])
@@ -85,10 +82,10 @@ def tensile(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
     topics = {
         **air.topics,
         names.JOINT_STATES.name: encoder_track(
-            periods, seed, (names.CARRIAGE_JOINT,), slide, duration_s, (lambda machine: machine.sensors.slide,)
+            machine, seed, (names.CARRIAGE_JOINT,), slide, duration_s, (machine.sensors.slide,)
         ),
         names.TENDON_STATES.name: tendon_track(
-            periods,
+            machine,
             seed,
             (_TENDON,),
             extension,
@@ -96,7 +93,7 @@ def tensile(plan: Plan, periods: Sequence[Era], seed: int) -> RealRun:
             Truth(time_s, torn[:, None]),
             duration_s,
         ),
-        names.LOAD_CELL.name: load_cell_track(periods, seed, force, duration_s),
+        names.LOAD_CELL.name: load_cell_track(machine, seed, force, duration_s),
     }
     return RealRun(plan, topics)
 
@@ -117,35 +114,24 @@ def _travel_m(time_s: NDArray[np.float64], rig: Rig, speed_m_s: float, extension
 
 
 def _pull(
-    periods: Sequence[Era], fibres: str, clamped_m: NDArray[np.float64], vacuum_pa: NDArray[np.float64], step_s: float
+    machine: Machine, fibres: str, clamped_m: NDArray[np.float64], vacuum_pa: NDArray[np.float64], step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return tension, N, and whether it is torn, at every step."""
-    place = names.TENDONS.index(_TENDON)
-    laws = [tendon_law(period.machine.tendons[place], step_s, fibres) for period in periods]
-    state = tendon_state(laws[0], float(clamped_m[0]))
+    law = tendon_law(machine.tendons[names.TENDONS.index(_TENDON)], step_s, fibres)
+    state = tendon_state(law, float(clamped_m[0]))
     tension_n = np.zeros(len(clamped_m))
     tension_n[0] = state.more[TENSION]
-    first = 1
-    for i, law in enumerate(laws):
-        end_s = periods[i + 1].start_s if i + 1 < len(periods) else math.inf
-        end = min(len(clamped_m), max(first, math.ceil(end_s / step_s))) if end_s < math.inf else len(clamped_m)
-        state.more[TIME] = 0.0
-        give = periods[i].machine.rig.clamp_m_per_n
-        _pull_on(law, state, clamped_m, vacuum_pa, give, first, end, tension_n)
-        first = end
+    state.more[TIME] = 0.0
+    _pull_on(law, state, clamped_m, vacuum_pa, machine.rig.clamp_m_per_n, tension_n)
     if state.more[TORN] == 0.0:
         return tension_n, np.zeros(len(clamped_m))
-    torn = np.maximum.accumulate(
-        (clamped_m + laws[-1].scalars[SHORTER] > 0.8 * laws[-1].scalars[BREAK]) & (tension_n == 0.0)
-    )
+    torn = np.maximum.accumulate((clamped_m + law.scalars[SHORTER] > 0.8 * law.scalars[BREAK]) & (tension_n == 0.0))
     return tension_n, torn.astype(np.float64)
 
 
 @compiled
-def _pull_on(
-    law: Any, state: Any, clamped_m: Any, vacuum_pa: Any, give_m_n: float, first: int, end: int, tension_n: Any
-) -> None:
-    """Pull the tendon through steps `first` to `end`; the clamps give way to the force of the step before."""
-    for i in range(first, end):
+def _pull_on(law: Any, state: Any, clamped_m: Any, vacuum_pa: Any, give_m_n: float, tension_n: Any) -> None:
+    """Pull the tendon through all steps but the first; the clamps give way to the force of the step before."""
+    for i in range(1, len(clamped_m)):
         extension_m = clamped_m[i] - give_m_n * tension_n[i - 1]
         tension_n[i] = tendon_tension_n(law, state, extension_m, vacuum_pa[i])

@@ -88,13 +88,6 @@ def test_a_heavier_foot_sags_further_when_tilted() -> None:
     assert heavy > 1.2 * plain
 
 
-def test_a_fault_that_sets_in_changes_nothing_before() -> None:
-    stiff = FaultSetting("stiffer_print", {"stiffer": 2.0}, onset_s=6.0)
-    (time_s, plain), (_, changed) = (joint(each, "ankle_yaw") for each in (done("shake"), done("shake", stiff)))
-    assert np.array_equal(plain[time_s < 5.9], changed[time_s < 5.9])
-    assert not np.array_equal(plain[time_s > 7.0], changed[time_s > 7.0])
-
-
 def test_a_press_that_would_stand_flat_is_refused() -> None:
     with pytest.raises(BadPlanError, match="turn_deg"):
         done("press", tilt_deg=8.0, turn_deg=9.0)

@@ -20,7 +20,6 @@ from studies.blind.reality.air import (
     tube_kg_s,
     vented,
 )
-from studies.blind.reality.faults import Era
 from studies.blind.reality.machine import ROOM_K, Machine, TendonMake, conductance_dm3_s_bar, nozzle_area_m2
 from studies.blind.reality.sensors import Plan
 from studies.blind.reality.tendon import TendonState, tendon_history, tendon_law, tendon_state
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from studies.blind.reality.sensors import Option
 
 STEP_S = 5e-4
-ALWAYS = (Era(float("-inf"), Machine()),)
 SETTINGS: dict[str, dict[str, Option]] = {
     "no_membrane_atm": {"membrane": "no"},
     "membrane_atm": {},
@@ -65,7 +63,7 @@ def there_and_back(extension_m: float, speed_m_s: float, step_s: float = STEP_S)
 @pytest.mark.parametrize("row", TENSILE_ROWS, ids=lambda row: row.identifier)
 def test_the_machine_as_calibrated_pulls_within_the_papers_error_bars(row: PaperRow) -> None:
     """A machine without scatter, run like a real one, gives each mean peak force within one standard error."""
-    found = tensile(Plan("tensile", SETTINGS[row.identifier]), ALWAYS, 0)
+    found = tensile(Plan("tensile", SETTINGS[row.identifier]), Machine(), 0)
     force_n = found.topics[names.LOAD_CELL.name].values[:, 2]
     peak_n = np.convolve(force_n, np.full(11, 1.0 / 11.0), "valid").max()
     assert abs(peak_n - row.mean) <= row.standard_error
@@ -208,7 +206,7 @@ def test_air_cools_as_it_expands() -> None:
 def test_the_pump_holds_what_the_paper_says() -> None:
     """All four tendons are within 1 kPa of -50 kPa in under half a second, and vented in under a fifth."""
     schedule = (*together(0.1, names.CHANNELS, 50e3), *together(1.1, names.CHANNELS, 0.0))
-    air = breathe(ALWAYS, schedule, 1.6, 0)
+    air = breathe(Machine(), schedule, 1.6, 0)
     shallowest, deepest = air.vacuum_pa.min(axis=1), air.vacuum_pa.max(axis=1)
     reached_s = air.time_s[int(np.argmax(shallowest > 49e3))] - 0.1
     gone_s = air.time_s[int(np.argmax((air.time_s > 1.1) & (deepest < 5e3)))] - 1.1

@@ -174,16 +174,6 @@ def test_a_soft_mount_changes_the_imu_alone(dropped: RealRun) -> None:
     assert all(value == 0.0 for name, value in differs.items() if "imu" not in name)
 
 
-def test_a_fault_that_sets_in_changes_nothing_before(dropped: RealRun) -> None:
-    """Rubbing that begins in mid-run leaves all readings before as they were, and changes those after."""
-    setting = FaultSetting("gritty_joint", {"dry_n_m": 0.1}, onset_s=1.2)
-    later = run(Plan("drop", {}), Machine(), [setting], DAY)
-    before = dropped.topics[names.JOINT_STATES.name].stamp_s < 1.195
-    one, other = (each.topics[names.JOINT_STATES.name].values for each in (dropped, later))
-    assert np.array_equal(one[before], other[before])
-    assert not np.array_equal(one[~before], other[~before])
-
-
 def test_the_lighter_foot_falls_no_slower_and_rests_higher(dropped: RealRun) -> None:
     """Mass does not change the fall; more of it presses the ankle deeper."""
     heavy = real("drop", {"mass_kg": 2.5})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
-from studies.blind.reality.faults import FAULTS, BadFaultError, FaultSetting, eras
+from studies.blind.reality.faults import FAULTS, BadFaultError, FaultSetting, with_faults
 from studies.blind.reality.machine import Machine
 from studies.blind.reality.run import run
 from studies.blind.reality.sensors import BadPlanError, Plan, RealRun
@@ -31,9 +31,9 @@ def healthy(rig: str) -> RealRun:
     return run(TENSILE if rig == "tensile" else PRESSURE, PLAIN, (), 3)
 
 
-def faulty(rig: str, fault: str, onset_s: float = 0.0, **values: float) -> RealRun:
+def faulty(rig: str, fault: str, **values: float) -> RealRun:
     plan = TENSILE if rig == "tensile" else PRESSURE
-    return run(plan, PLAIN, (FaultSetting(fault, values, onset_s),), 3)
+    return run(plan, PLAIN, (FaultSetting(fault, values),), 3)
 
 
 def on_grid(found: RealRun, topic: str, column: int = -1, until_s: float = 1.4) -> np.ndarray:
@@ -103,11 +103,10 @@ def test_a_fault_of_no_size_is_no_fault() -> None:
     """Null values leave the very same machine, and a run with all such faults the same bits."""
     day = today(PLAIN, 3)
     settings = [
-        FaultSetting(name, {key: row.null for key, row in fault.parameters.items()}, onset_s=0.3)
-        for name, fault in FAULTS.items()
+        FaultSetting(name, {key: row.null for key, row in fault.parameters.items()}) for name, fault in FAULTS.items()
     ]
     for setting in settings:
-        assert eras(day, (setting,), FAULTS) == eras(day, (), FAULTS)
+        assert with_faults(day, (setting,)) is day
     assert same(run(TENSILE, PLAIN, settings, 3), healthy("tensile"))
     assert same(run(PRESSURE, PLAIN, settings, 3), healthy("pressure"))
 
@@ -203,23 +202,6 @@ def test_a_sticky_valve_sticks_now_and_then() -> None:
             read = np.interp(start_s + 0.1, track.stamp_s, track.values[:, 0])
             late.append(bool(read > 99e3))
     assert 0 < sum(late) < len(late)
-
-
-def test_a_fault_may_set_in_during_a_run() -> None:
-    """Before its onset nothing differs but by a bit of rounding; after it, much does."""
-    onset_s = 0.7
-    for rig, topic, fault, values in (
-        ("pressure", LEFT, "leak_peroneal_left", {"diameter_m": 0.25e-3}),
-        ("pressure", ACHILLES, "long_hose_achilles", {"volume_m3": 20e-6}),
-        ("tensile", CELL, "torn_fibres_peroneal_left", {"fibres": 9.0}),
-    ):
-        start_s = onset_s if rig == "pressure" else 2.0
-        found, usual = faulty(rig, fault, start_s, **values), healthy(rig)
-        track, plain = found.topics[topic], usual.topics[topic]
-        before = track.stamp_s < start_s - 0.01
-        assert np.array_equal(track.values[before], plain.values[before])
-        after = track.stamp_s > start_s + 0.1
-        assert np.abs(track.values[after] - plain.values[after]).max() > (300.0 if rig == "pressure" else 1.0)
 
 
 def test_lost_samples_are_lost() -> None:
