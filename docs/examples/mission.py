@@ -32,13 +32,13 @@ class Ankle(Node):
 
     def ask(self, kind, name, **request):
         """Call a service of the driver; RuntimeError says what it refused and why."""
-        client = self.create_client(kind, name)
+        client, full = self.create_client(kind, name), self.resolve_service_name(name)
         if not client.wait_for_service(timeout_sec=5.0):
-            raise RuntimeError(f"nobody offers {client.srv_name}")
+            raise RuntimeError(f"nobody offers {full}")
         future = client.call_async(kind.Request(**request))
         rclpy.spin_until_future_complete(self, future, timeout_sec=5.0)
         if future.result() is None or not future.result().success:
-            raise RuntimeError(future.result().message if future.result() else f"no answer from {client.srv_name}")
+            raise RuntimeError(future.result().message if future.result() else f"no answer from {full}")
 
     def wait(self, wanted, timeout_s=5.0):
         """Wait until every channel is in a state; RuntimeError names the channel that is not, and why."""

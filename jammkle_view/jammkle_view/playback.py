@@ -319,12 +319,11 @@ class PlaybackPlots:
         return lines
 
     def _sampled(self, quantity: Quantity, start_s: float, end_s: float) -> Window:
-        """Return all lines of a plot at the times of its first one, between two times, s, as many as it draws."""
+        """Return all lines of a plot at the times of all of them, between two times, s, as many as it draws."""
         measured = [self._recorded.signals[quantity.signals[label]] for label in self._labels(quantity)]
-        time_s, _ = measured[0]
-        first, last = np.searchsorted(time_s, start_s), np.searchsorted(time_s, end_s, side="right")
-        base_s = time_s[first:last]
-        columns = [np.interp(base_s, *curve) for curve in measured]
+        base_s = np.unique(np.concatenate([time_s for time_s, _ in measured]))
+        base_s = base_s[(base_s >= start_s) & (base_s <= end_s)]
+        columns = [_pieced(base_s, [curve]) for curve in measured]
         for label in self._labels(quantity, simulated=True):
             signal = quantity.signals[label]
             columns.append(_pieced(base_s, [run[signal] for run in self._runs if signal in run]))
@@ -332,7 +331,7 @@ class PlaybackPlots:
 
 
 def _pieced(base_s: NDArray[np.float64], runs: Sequence[Curve]) -> NDArray[np.float64]:
-    """Return one simulated signal at times, not a number where no run covers them."""
+    """Return one signal at times, not a number where no run covers them."""
     whole = np.full(len(base_s), np.nan)
     for time_s, values in runs:
         inside = (base_s >= time_s[0]) & (base_s <= time_s[-1])
