@@ -69,6 +69,7 @@ def recorded(rig: str, seed: int, fault: str = "", end: str = "") -> Recording:
     return recording
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", PLANS)
 def test_runs_of_one_setting_on_other_days_are_repeats(rig: str) -> None:
     """Jitter of stamps and starts, noise of scales, weather."""

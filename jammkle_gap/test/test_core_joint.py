@@ -115,6 +115,7 @@ def test_what_a_search_simulates_coarsely_is_fitted_again_as_it_is(fault: Mappin
     assert coarse[0] > fine[0]
 
 
+@pytest.mark.slow
 def test_intervals_cover_sizes_and_constants() -> None:
     """Machines from the tolerances, a load each: of 90 % intervals nine of ten, within a binomial chance."""
     loads = stiffnesses = 0
@@ -205,6 +206,7 @@ def test_a_gap_is_larger_than_the_simulators_accuracy(error: float, accuracy: fl
     assert Verdict.EFFECTS is not found.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("error", "gap"), [(0.02, False), (0.25, True)])
 def test_one_signal_that_is_far_off_is_something_else(error: float, gap: bool) -> None:  # noqa: FBT001
     """Beside thirty that are right their mean hides it: it is a quarter of its own range off."""

@@ -75,6 +75,7 @@ def test_in_the_chamber_that_bends_most_it_is_no_leak_alone() -> None:
     assert found.verdict is not Verdict.NO_GAP
 
 
+@pytest.mark.slow
 @present
 def test_the_seal_rubs_more_under_pressure() -> None:
     """Friction that grows with pressure is in every candidate but none of them; reversals stay a doubt beside it."""
@@ -86,6 +87,7 @@ def test_the_seal_rubs_more_under_pressure() -> None:
     assert growth.interval[1] < 0.7
 
 
+@pytest.mark.slow
 @present
 def test_the_servo_rubs_more_under_load() -> None:
     """Of the effects friction that grows with load comes first; the model has more wrong than that, and says so."""

@@ -56,6 +56,7 @@ def test_command_names_the_friction_and_corrects_the_model(tmp_path: Path) -> No
     assert any("in recordings that were held out" in note for note in found["notes"])
 
 
+@pytest.mark.slow
 def test_what_closes_too_little_of_recordings_that_are_held_out_is_not_certain(tmp_path: Path) -> None:
     """The elbow rubs in all of them, but where nothing is fitted the shoulder rubs far more."""
 
@@ -74,6 +75,7 @@ def test_what_closes_too_little_of_recordings_that_are_held_out_is_not_certain(t
     assert "of the gap is left in recordings that were held out" in found.reasons[-1]
 
 
+@pytest.mark.slow
 def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
     """It lies a fifth below what the motion takes, so that it does nothing for most of the time."""
 
@@ -210,6 +212,7 @@ def stopped(model: mujoco.MjModel) -> None:
     model.jnt_range[2, 1] = STOP_RAD
 
 
+@pytest.mark.slow
 def test_joint_that_meets_something_is_named_and_corrected(tmp_path: Path) -> None:
     """An elbow that runs into something has an upper stop there, and the corrected model has it as a range."""
     model = robot_arm.write_model(tmp_path)
@@ -238,6 +241,7 @@ def test_screening_puts_the_truth_among_the_first(tmp_path: Path, change: robot_
     assert len(names) <= 16 < len(offer.effects.effects)
 
 
+@pytest.mark.slow
 def test_efforts_alone_are_diagnosed_backwards(tmp_path: Path) -> None:
     """Without commands the efforts that the motion takes are compared: friction shows in them, and where."""
     arm = robot_arm.write_model(tmp_path, robot_arm.MOTORS)

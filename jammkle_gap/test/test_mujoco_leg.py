@@ -97,6 +97,7 @@ def test_imu_may_be_left_out(model: Path) -> None:
     assert not matched(model, [sensed], {"sensors": "none"})[1].senses
 
 
+@pytest.mark.slow
 def test_friction_of_the_knee_is_named(model: Path, tmp_path: Path) -> None:
     """From the exercise that diagnoses the ankle, with its size; a healthy leg has none."""
     found = diagnose_mujoco(model, [shaken(rubbing)], only=FEW, folder=tmp_path, jobs=1)

@@ -33,7 +33,9 @@ class FakeSimulation:
     """A rig whose values a test sets as it likes."""
 
     timestep_s = 0.0005
-    machine = SimpleNamespace(parts={}, control=None, description=lambda: {"rig": "fake", "options": {"seed": 0}})
+    machine = SimpleNamespace(
+        parts={}, control=None, left_out=(), description=lambda: {"rig": "fake", "options": {"seed": 0}}
+    )
 
     def __init__(self, _parameters: SimParameters | None = None) -> None:
         self.ankle = self

@@ -205,8 +205,8 @@ def test_a_sensor_at_the_end_of_its_range_is_told(tmp_path: Path, capsys: pytest
         said[name] = run["clipped"]
         lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("clipped")]
         assert bool(lines) == bool(said[name])
-    assert said["pull"] == ["the load cell at 245 N"]
-    assert said["hard"] == ["the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
+    assert said["pull"] == ["force_z_n of the load cell at 245 N"]
+    assert said["hard"] == ["force_z_n of the load cell at 245 N", "the IMU at 80.83 m/s^2 with gravity"]
     assert said["soft"] == []
 
 
