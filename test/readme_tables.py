@@ -25,7 +25,7 @@ from jammkle_common import VERSION
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import CHANNELS, ROBOT_TOPICS, SERVICES, TOPICS
 from jammkle_common.parameters import ParameterClass, ParameterRow, Value, option_name, rows, typed_row
-from jammkle_controller.core.events import OFFERS, Detection
+from jammkle_controller.core.events import REASONS, Detection, is_felt
 from jammkle_controller.core.landing import LandingModel, travel_m
 from jammkle_controller.core.policy import MEANINGS, SET_POINTS, TRANSITIONS, PolicyState
 from jammkle_controller.parameters import ControllerParameters
@@ -177,14 +177,11 @@ def tables() -> dict[str, str]:
         ],
     )
     made["what is felt"] = table(
-        ("event", *(mount.value for mount in OFFERS)),
+        ("event", *(mount.value for mount in REASONS)),
         [
             (
                 each.value,
-                *(
-                    f"{'' if OFFERS[mount][each].made else '**not reported**: '}{OFFERS[mount][each].reason}"
-                    for mount in OFFERS
-                ),
+                *(f"{'' if is_felt(mount, each) else '**not reported**: '}{REASONS[mount][each]}" for mount in REASONS),
             )
             for each in Detection
         ],

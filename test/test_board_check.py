@@ -15,9 +15,9 @@ import yaml
 
 from boards import Host, wiring
 from graph import COMMAND
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board.commissioning import (
-    CalibrationError,
     CommissioningOptions,
     commission,
     sensor_lines,
@@ -211,15 +211,15 @@ def test_a_calibration_can_be_made_where_the_pump_failed(command: list[str], tmp
 
 def test_points_that_make_no_line_are_refused() -> None:
     """Too close, or a sensor that does not move: nothing is written."""
-    with pytest.raises(CalibrationError, match=r"10\.0 kPa apart"):
+    with pytest.raises(InputError, match=r"10\.0 kPa apart"):
         sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 900.0}, 90e3)
-    with pytest.raises(CalibrationError, match="achilles reads 100"):
+    with pytest.raises(InputError, match="achilles reads 100"):
         sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 101.0}, 50e3)
     for air_pa in (1013e3, 1.013e3, math.nan):  # hPa, bar, nothing
-        with pytest.raises(CalibrationError, match="must be 50 to 110 kPa"):
+        with pytest.raises(InputError, match="must be 50 to 110 kPa"):
             sensor_lines({"achilles": 100.0}, air_pa, {"achilles": 900.0}, 50e3)
     for held_pa in (-400e3, math.nan):
-        with pytest.raises(CalibrationError, match="less than the air itself"):
+        with pytest.raises(InputError, match="less than the air itself"):
             sensor_lines({"achilles": 100.0}, 100e3, {"achilles": 900.0}, held_pa)
 
 

@@ -17,6 +17,7 @@ from nonsense import UNIT, Terminal, code_of, frame, is_whole, right_reply
 
 from boards import AVR, JAMMED, RELEASED, Host
 from bought_board import OtherBoard
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_driver.board.line import Line, LineError, check_port, silence_s
 from jammkle_driver.board.link import BoardLink
@@ -27,7 +28,6 @@ from jammkle_driver.board.wiring import (
     Sensor,
     Solenoid,
     Wiring,
-    WiringError,
     load_wiring,
     standard_board_file,
 )
@@ -445,7 +445,7 @@ def test_a_bad_board_file_is_refused_with_one_line(tmp_path: Path, old: str, new
     path.write_text(GOOD)
     assert set(load_wiring(path).solenoids) == set(CHANNELS)
     path.write_text(GOOD.replace(old, new))
-    with pytest.raises(WiringError, match=f"(?s)board.yaml.*{words}") as caught:
+    with pytest.raises(InputError, match=f"(?s)board.yaml.*{words}") as caught:
         load_wiring(path)
     assert "\n" not in str(caught.value)
 
@@ -459,5 +459,5 @@ def test_the_example_of_a_bought_board_is_good() -> None:
 
 def test_a_board_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     """With the system's own word."""
-    with pytest.raises(WiringError, match="No such file"):
+    with pytest.raises(InputError, match="No such file"):
         load_wiring(tmp_path / "none.yaml")

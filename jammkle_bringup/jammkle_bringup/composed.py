@@ -10,21 +10,17 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jammkle_common.names import CONTROLLER_NODE, DRIVER_NODE, SIM_NODE
-from jammkle_common.runner import EXIT_BAD_INPUT, run_together
+from jammkle_common.runner import EXIT_BAD_INPUT, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rclpy.executors import Executor
     from rclpy.node import Node
 
-    from jammkle_common.runner import StopFlag
-
 _ROS_ARGUMENTS = "--ros-args"
-_SPIN_S = 0.1
 
 
 def _sim(_within: str) -> Node:
@@ -49,7 +45,10 @@ def _driver(within: str) -> Node:
 
 
 MAKERS: dict[str, Callable[[str], Node]] = {SIM_NODE: _sim, CONTROLLER_NODE: _controller, DRIVER_NODE: _driver}
-"""By name, in the order in which they start; each gets the namespace of its ankle, empty where `__ns` says it."""
+"""By name, in the order in which they start; each gets the namespace of its ankle, empty where `__ns` says it.
+
+The simulation is first, as it drives all; the driver last, as it lets go while the others are there.
+"""
 _NAMESPACE_RULE = "__ns:="
 
 
@@ -70,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for path in dict.fromkeys(names)
         if path.rpartition("/")[2] == name
     ]
-    return run_together(makers, ros, loop=_drive, shut_down=_shut_down)
+    return run(*makers, arguments=ros)
 
 
 def _wrong(paths: Sequence[str], ros: Sequence[str]) -> str:
@@ -82,23 +81,6 @@ def _wrong(paths: Sequence[str], ros: Sequence[str]) -> str:
         if within and any(word.startswith(_NAMESPACE_RULE) for word in ros):
             return f"'{path}' and {_NAMESPACE_RULE} exclude each other: leave one of them out"
     return ""
-
-
-def _drive(nodes: Sequence[Node], executor: Executor, stop: StopFlag) -> None:
-    """Let the simulation drive all; it serves callbacks until its next step is due."""
-    first: Any = nodes[0]
-    if first.get_name() == SIM_NODE:
-        first.drive(executor, stop)
-        return
-    while not stop:
-        executor.spin_once(timeout_sec=_SPIN_S)
-
-
-def _shut_down(nodes: Sequence[Node]) -> None:
-    """End in the reverse order: the driver lets go while the others are there."""
-    for node in reversed(nodes):
-        last: Any = node
-        last.shut_down()
 
 
 if __name__ == "__main__":

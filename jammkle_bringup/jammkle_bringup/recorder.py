@@ -115,6 +115,18 @@ class Recorder(Node):
             self._log.fail(FileNotFoundError(errno.ENOENT, "its folder is gone", str(self.path)))
         return not self._failed
 
+    def drive(self, executor: Executor, stop: StopFlag) -> None:
+        """Record until asked to stop, then take what is still on its way and complete the bag.
+
+        Raises:
+            GraphError: the bag cannot be written any more; what could be saved of it was.
+
+        """
+        while not stop and self.can_go_on():
+            executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+        self.drain(executor)
+        self.close()
+
     def drain(self, executor: Executor) -> None:
         """Take what was published until now and is still on its way, while the graph may go on."""
         self._end_ns = time.time_ns()
@@ -303,19 +315,6 @@ class Recorder(Node):
         self._diagnostics.at(tick_ns / NANOSECONDS_PER_SECOND)
         if self._done.get_subscription_count() > 0:
             self._done.publish(self._answer.write(tick_ns))
-
-
-def spin_and_close(node: Recorder, executor: Executor, stop: StopFlag) -> None:
-    """Record until asked to stop, then take what is still on its way and complete the bag.
-
-    Raises:
-        GraphError: the bag cannot be written any more; what could be saved of it was.
-
-    """
-    while not stop and node.can_go_on():
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
-    node.drain(executor)
-    node.close()
 
 
 def _installed(message_type: str) -> Any:
@@ -550,7 +549,7 @@ def record(path: Path, namespace: str, clock: str) -> BagCounts:
         say(f"recording namespace {namespace} into {path}; Ctrl-C ends")
         return node
 
-    run(make_node, [], loop=spin_and_close, shut_down=Recorder.shut_down)
+    run(make_node, arguments=[])
     counts = nodes[0].counts()
     say(f"{counts.messages} messages of {len(counts.by_topic)} topics are in {path}")
     if nodes[0].losses.by_topic:

@@ -3,24 +3,14 @@
 ros2 launch jammkle_bringup ankle.launch.py namespace:=lf_ankle speed:=0.5
 """
 
-from pathlib import Path
-
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from jammkle_bringup.core.node_table import (
-    GAP_MONITOR,
-    SIM_HARDWARE,
-    Robot,
-    check_hardware,
-    nodes_for,
-    robot_names_for,
-    simulated_time,
-)
-from jammkle_common.names import DRIVER_NODE, SIM_NODE, normalised, resolved
+from jammkle_bringup.core.node_table import GAP_MONITOR, SIM_HARDWARE, Robot, to_launch
+from jammkle_common.names import DRIVER_NODE, SIM_NODE
 
 ARGUMENTS = {
     "hardware": (SIM_HARDWARE, "What stands behind the driver: sim, modbus, or what a package brings along."),
@@ -46,32 +36,14 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    hardware = given["hardware"]
-    namespace = normalised(resolved(context.launch_configurations.get("ros_namespace", ""), given["namespace"]))
-    check_hardware(hardware)
-    actions = []
+    values = {
+        SIM_NODE: {"release_time_s": float(given["release_time_s"])},
+        DRIVER_NODE: {"port": given["port"]},
+    }
     looking_on = (GAP_MONITOR,) if given["monitor"].lower() == "true" else ()
-    files = [given["params"]] if given["params"] else []
-    named = robot_names_for(Robot.ANKLE, [Path(file) for file in files], namespace)
-    for entry in (*nodes_for(hardware), *named, *looking_on):
-        values = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
-        if entry.name == SIM_NODE:
-            values["speed"] = float(given["speed"])
-            values["release_time_s"] = float(given["release_time_s"])
-            values["publish_clock"] = given["publish_clock"].lower() == "true"
-        if entry.name == DRIVER_NODE:
-            values["hardware"] = hardware
-            values["port"] = given["port"]
-        actions.append(
-            Node(
-                package=entry.package,
-                executable=entry.executable or entry.name,
-                name=entry.name,
-                namespace=namespace,
-                parameters=[*files, values],
-                output="screen",
-                # a graph without one of its nodes is worse than none: the rest is stopped, solenoids released
-                on_exit=EmitEvent(event=Shutdown(reason=f"{entry.name} ended")),
-            )
-        )
-    return actions
+    pushed = context.launch_configurations.get("ros_namespace", "")
+    # a graph without one of its nodes is worse than none: the rest is stopped, solenoids released
+    return [
+        Node(**node, on_exit=EmitEvent(event=Shutdown(reason=f"{path} ended")))
+        for path, node in to_launch(Robot.ANKLE, given, pushed, values, looking_on)
+    ]

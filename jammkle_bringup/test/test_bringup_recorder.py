@@ -27,7 +27,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
-from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder, TimeSource, spin_and_close
+from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder, TimeSource
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
@@ -315,7 +315,7 @@ def test_what_waits_at_the_end_is_recorded(
 
     thread = threading.Thread(target=publish_on)
     thread.start()
-    spin_and_close(recorder, executor, stop)
+    recorder.drive(executor, stop)
     ended.set()
     thread.join()
     executor.shutdown()

@@ -404,13 +404,10 @@ def typed(parameter: str, value: float) -> str:
     return f"{option_name(parameter)} of {typed_value(parameter, value):g}"
 
 
-def as_typed(error: Exception, lead: str = "--") -> str:
+def as_typed(error: Exception) -> str:
     """Return the line of an error with parameters as options, and values and limits in the units that are typed.
 
-    Args:
-        error: A ParameterError, or what was raised from one.
-        lead: What stands before a name; `--set ` where it is no option of its own.
-
+    It is a ParameterError, or what was raised from one.
     """
     text, cause = str(error), error
     while not isinstance(cause, ParameterError):
@@ -419,7 +416,7 @@ def as_typed(error: Exception, lead: str = "--") -> str:
         cause = cause.__cause__
     if not cause.name:
         return text
-    unit, name = _of_parameter(cause.name), lead + typed_name(cause.name)
+    unit, name = _of_parameter(cause.name), f"--{typed_name(cause.name)}"
     if unit is None:
         return text.replace(str(cause), cause.text(name, lambda number: number, cause.unit))
     shift = -unit.exponent

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
     from jammkle_common.names import Topic
 
-_CHANGES_DEPTH = 100
-
 
 def _profile(delivery: Delivery) -> QoSProfile:
     return QoSProfile(
@@ -54,19 +52,9 @@ def subscriber_qos(topic: Topic) -> QoSProfile:
     return _profile(subscribed(topic))
 
 
-def every_change_qos() -> QoSProfile:
-    """Latched profile for those who must miss no change of a state, such as a pump's duty, while they are busy."""
-    return _profile(Delivery(_CHANGES_DEPTH, reliable=True, latched=True))
-
-
 def patient_qos(topic: Topic) -> QoSProfile:
     """Profile of `subscriber_qos` with a queue so long that a subscriber may be busy for seconds and miss nothing."""
     return _profile(dataclasses.replace(subscribed(topic), depth=SENSOR_HISTORY_DEPTH))
-
-
-def every_sample_qos(topic: Topic) -> QoSProfile:
-    """Profile of `patient_qos` under which none is lost on the way; for what this project alone publishes."""
-    return _profile(dataclasses.replace(published(topic), depth=SENSOR_HISTORY_DEPTH))
 
 
 def newest_qos(depth: int) -> QoSProfile:
@@ -170,8 +158,4 @@ def strongest(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
     """Return the strongest request that all of these publishers can meet; `depth` messages may wait."""
     reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
     latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return _profile(Delivery(depth, reliable=reliable, latched=latched))

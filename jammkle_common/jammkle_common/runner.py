@@ -41,62 +41,19 @@ class StopFlag:
         self._stopped = True
 
 
-def spin(_node: Node, executor: Executor, stop: StopFlag) -> None:
-    """Serve callbacks until asked to stop."""
-    while not stop:
-        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)
+def run(*makers: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Run nodes on one executor of one process until SIGINT or SIGTERM.
 
-
-def run(
-    make_node: Callable[[], Node],
-    arguments: Sequence[str] | None = None,
-    *,
-    loop: Callable[..., None] = spin,
-    shut_down: Callable[..., None] | None = None,
-) -> int:
-    """Run one node until SIGINT or SIGTERM.
-
-    rclpy's own signal handlers end the context before a last message can be sent, so the node keeps its own:
-    the loop ends, `shut_down` publishes the last, safe command while the context is still valid.
+    rclpy's own signal handlers end the context before a last message can be sent, so a process keeps its own. A node
+    may have `shut_down()`, which publishes the last, safe command while the context is still valid, also when the
+    loop ended by an exception; the first may have `drive(executor, stop)`, which is the loop then.
 
     Args:
-        make_node: Makes the node after rclpy.init; may raise ParameterError.
+        makers: Make the nodes, in order, after rclpy.init; may raise ParameterError. They end in the reverse order.
         arguments: Command line (with `--ros-args`); None takes the process's own.
-        loop: What to do until the flag is set: `loop(node, executor, stop)`.
-        shut_down: Called with the node before it is destroyed, also when the loop ended by an exception.
 
     Returns:
         The exit code: 0 after a signal, 2 after bad input, which was explained in one line on stderr.
-
-    """
-
-    def end(nodes: Sequence[Node]) -> None:
-        if shut_down is not None:
-            shut_down(nodes[0])
-
-    def drive(nodes: Sequence[Node], executor: Executor, stop: StopFlag) -> None:
-        loop(nodes[0], executor, stop)
-
-    return run_together((make_node,), arguments, loop=drive, shut_down=end)
-
-
-def run_together(
-    makers: Sequence[Callable[[], Node]],
-    arguments: Sequence[str] | None,
-    *,
-    loop: Callable[[Sequence[Node], Executor, StopFlag], None],
-    shut_down: Callable[[Sequence[Node]], None],
-) -> int:
-    """Run several nodes on one executor of one process, as `run` runs one.
-
-    Args:
-        makers: Make the nodes, in order.
-        arguments: As for `run`; parameters of one of them stand in its section of a file.
-        loop: What to do until the flag is set, with all of them.
-        shut_down: As for `run`, with all that were made.
-
-    Returns:
-        The exit code, as `run`.
 
     """
     stop = StopFlag()
@@ -116,7 +73,8 @@ def run_together(
             for make_node in makers:
                 nodes.append(make_node())
                 executor.add_node(nodes[-1])
-            loop(nodes, executor, stop)
+            drive = getattr(nodes[0], "drive", _spin)
+            drive(executor, stop)
         except ParameterError as error:
             if len(nodes) == len(makers):  # not of one that was being made
                 raise
@@ -124,11 +82,17 @@ def run_together(
             return EXIT_BAD_INPUT
         finally:
             # A defect that ends the loop must not leave a pump running and solenoids energised.
-            if nodes:
-                shut_down(nodes)
+            for node in reversed(nodes):
+                if hasattr(node, "shut_down"):
+                    node.shut_down()
         executor.shutdown()  # first, so that nothing that arrives calls into a node that is gone
         for node in nodes:
             node.destroy_node()
         return 0
     finally:
         rclpy.try_shutdown()
+
+
+def _spin(executor: Executor, stop: StopFlag) -> None:
+    while not stop:
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT_S)

@@ -10,19 +10,12 @@ from typing import Any
 
 import yaml
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import shortened
 
 _MOST_DIGITS = 1000
 """Of a whole number. Chosen; Python itself refuses to convert more than 4300."""
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
-
-
-class YamlError(ValueError):
-    """A text is not YAML, or has a value that cannot be taken. Its message begins with where the text is from."""
-
-
-class _UnfitError(Exception):
-    """Values that cannot be taken; the message follows the source."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -37,11 +30,11 @@ class _Loader(yaml.SafeLoader):
             line = key.start_mark.line + 1
             if name in lines:
                 msg = f"{shortened(name)} stands in line {lines[name]} and again in line {line}; leave one of them"
-                raise _UnfitError(msg)
+                raise InputError(msg)
             lines[name] = line
             if isinstance(value, yaml.ScalarNode) and value.tag.endswith(":int") and len(value.value) > _MOST_DIGITS:
                 msg = f"{name} is {shortened(value.value)}; a number must have at most {_MOST_DIGITS} digits"
-                raise _UnfitError(msg)
+                raise InputError(msg)
         return super().construct_mapping(node, deep)
 
 
@@ -62,14 +55,14 @@ def read_yaml(text: str, source: str) -> Any:
         source: Where it is from, for errors: a file, an option.
 
     Raises:
-        YamlError: it is not YAML, or a name stands in it twice.
+        InputError: it is not YAML, or a name stands in it twice. The message begins with the source.
 
     """
     try:
         return yaml.load(text, _Loader)  # noqa: S506 - a safe loader
-    except _UnfitError as error:
+    except InputError as error:
         msg = f"{source}: {error}"
-        raise YamlError(msg) from error
+        raise InputError(msg) from error
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         msg = f"{source} is not YAML: {' '.join(str(error).split())}"
-        raise YamlError(msg) from error
+        raise InputError(msg) from error

@@ -10,7 +10,7 @@ from jammkle_controller.node import ControllerNode
 
 def main() -> int:
     """Run the controller until SIGINT or SIGTERM and return the exit code."""
-    return run(ControllerNode, shut_down=ControllerNode.shut_down)
+    return run(ControllerNode)
 
 
 if __name__ == "__main__":

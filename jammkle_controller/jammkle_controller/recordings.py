@@ -19,7 +19,7 @@ from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
 from jammkle_common.names import normalised, resolved
-from jammkle_common.parameters import ParameterError
+from jammkle_common.parameters import ParameterError, is_number
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.leg import leg_of
@@ -183,7 +183,7 @@ def read_table(path: Path, layout: TableFormat) -> Recording:
             delimiter = next((each for each in _DELIMITERS if _columns(line, each) >= _AXES), ",")
             rows = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
             first = next(rows, [])
-            head = [] if all(_is_number(cell) for cell in first if cell.strip()) else first
+            head = [] if all(is_number(cell) for cell in first if cell.strip()) else first
             body = rows if head else itertools.chain([first], rows)
             return _table(path, layout, head, body, force_scale, rate_scale)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -243,14 +243,6 @@ def _column(path: Path, head: list[str], name: str) -> int:
 
 def _columns(line: str, delimiter: str) -> int:
     return len(next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), []))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.detector import ContactDetector
-from jammkle_controller.core.events import OFFERS, ContactKind, Detection, Phase, not_felt
+from jammkle_controller.core.events import REASONS, ContactKind, Detection, Phase, not_felt
 from jammkle_controller.core.motion import Motion
 from jammkle_controller.core.stepping import SoleFilter, learned
 from jammkle_controller.parameters import ControllerParameters, Mount
@@ -270,9 +270,8 @@ def test_pushing_off_is_no_slip(streams: Any) -> None:
 
 def test_what_is_not_offered_on_a_mount_is_never_reported(streams: Any) -> None:
     """A body that is hit at every step reports its impacts, and neither steps nor slips; a foot may report all."""
-    assert all(set(offers) == set(Detection) for offers in OFFERS.values())
-    assert all(offer.reason for offers in OFFERS.values() for offer in offers.values())
-    assert all(offer.made for offer in OFFERS[Mount.FOOT].values())
+    assert all(set(reasons) == set(Detection) and all(reasons.values()) for reasons in REASONS.values())
+    assert not not_felt(Mount.FOOT)
     unfelt = (Detection.STEP, Detection.SWING, Detection.SLIP_STEPPING)
     assert set(not_felt(Mount.BODY)) == {each.value for each in unfelt}
     force = streams.rest(5.0)

@@ -10,7 +10,7 @@ from jammkle_driver.node import DriverNode
 
 def main() -> int:
     """Run the driver node until SIGINT or SIGTERM; return the exit code."""
-    return run(_make_node, shut_down=DriverNode.shut_down)
+    return run(_make_node)
 
 
 def _make_node() -> DriverNode:

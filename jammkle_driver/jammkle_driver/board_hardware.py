@@ -7,10 +7,11 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import ParameterError
 from jammkle_driver.board.line import check_port
 from jammkle_driver.board.link import BoardLink
-from jammkle_driver.board.wiring import WiringError, load_wiring
+from jammkle_driver.board.wiring import load_wiring
 from jammkle_driver.core.hypotheses import Spread
 from jammkle_driver.hardware import Measured
 
@@ -60,7 +61,7 @@ class BoardHardware(BoardLink):
         try:
             check_port(parameters.port)
             return load_wiring(Path(parameters.board_file) if parameters.board_file else None)
-        except WiringError as error:
+        except InputError as error:
             msg = f"parameter 'board_file': {error}"
             raise ParameterError(msg) from error
         except ValueError as error:

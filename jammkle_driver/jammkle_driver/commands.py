@@ -52,14 +52,14 @@ def check(
     from jammkle_common.command.errors import Interrupted, StopRequest
     from jammkle_driver.board.commissioning import CommissioningOptions, Prompt, commission
     from jammkle_driver.board.line import LineError, check_port
-    from jammkle_driver.board.wiring import WiringError, load_wiring
+    from jammkle_driver.board.wiring import load_wiring
 
     results.check_writable(json)
     results.check_writable(save_board_file, "--save-board-file")
     try:
         check_port(port)
         wiring = load_wiring(board_file)
-    except (ValueError, WiringError) as error:
+    except ValueError as error:
         msg = f"--{error}" if str(error).startswith("port") else str(error)
         raise InputError(msg) from error
     prompt = Prompt()

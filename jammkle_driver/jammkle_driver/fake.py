@@ -8,6 +8,7 @@ import random
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board.wiring import default_watchdog_s
 from jammkle_driver.core.air import CRITICAL_RATIO, LINEAR_RATIO, REFERENCE_PA
@@ -280,10 +281,6 @@ _WORDS = "TIME_S FAULT [PLACE [SIZE]]"
 """Of what befalls the board or its line there is no PLACE."""
 
 
-class ScriptError(ValueError):
-    """A line of a script that cannot be understood. The message names the line, the value and what would be right."""
-
-
 @dataclass(frozen=True)
 class ScriptedFault:
     """One line of a script: when, s after the start, what fails (None heals everything), where, and how much."""
@@ -298,7 +295,7 @@ def read_script(text: str) -> tuple[ScriptedFault, ...]:
     """Return what a script says, in the order of time; empty lines and what follows a # are left out.
 
     Raises:
-        ScriptError: a line cannot be understood.
+        InputError: a line cannot be understood.
 
     """
     lines = [
@@ -314,18 +311,18 @@ def _line(number: int, words: list[str]) -> ScriptedFault:
     if word not in {HEAL, *known}:
         choices = ", ".join((HEAL, *known))
         msg = f"line {number} of the script of faults has '{word}'; it must be {_WORDS} with one of: {choices}"
-        raise ScriptError(msg)
+        raise InputError(msg)
     sizes = words[2:3] if isinstance(known.get(word), LinkFault) else words[3:4]
     place = words[2] if len(words) > 2 and sizes != words[2:3] else MANIFOLD  # noqa: PLR2004 - the third word
     if place not in places:
         msg = f"line {number} of the script of faults has '{place}'; the place must be one of: {', '.join(places)}"
-        raise ScriptError(msg)
+        raise InputError(msg)
     if place == MANIFOLD and known.get(word) in {FakeFault.BLOCKED, FakeFault.STUCK_OPEN, FakeFault.STUCK_CLOSED}:
         msg = f"line {number} of the script of faults: {word} needs a channel, one of: {', '.join(CHANNELS)}"
-        raise ScriptError(msg)
+        raise InputError(msg)
     try:
         time_s, size = float(words[0]), float(sizes[0]) if sizes else 0.0
     except ValueError as error:
         msg = f"line {number} of the script of faults: {error}; it must be {_WORDS}"
-        raise ScriptError(msg) from error
+        raise InputError(msg) from error
     return ScriptedFault(time_s, known.get(word), place, size)

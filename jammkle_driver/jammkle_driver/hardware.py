@@ -18,6 +18,7 @@ from sensor_msgs.msg import FluidPressure
 
 from jammkle_common import wire
 from jammkle_common.command import HARDWARE, entries
+from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import ACTUATOR_STATES, MANIFOLD_PRESSURE, PRESSURES, frame
 from jammkle_common.parameters import ParameterError
@@ -31,7 +32,7 @@ from jammkle_driver.conversions import (
     stamp_seconds,
 )
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample, SafeCause
-from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, ScriptError, read_script
+from jammkle_driver.fake import STEP_S, WATCHDOG_S, FakeBoard, FakePlant, read_script
 from jammkle_msgs.msg import ActuatorStates
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ class FakeHardware:
         try:
             text = Path(given).read_text(encoding="utf-8") if given and Path(given).is_file() else given
             return read_script(text)
-        except (OSError, UnicodeDecodeError, ScriptError) as error:
+        except (OSError, UnicodeDecodeError, InputError) as error:
             msg = f"parameter 'fake_faults': {error}"
             raise ParameterError(msg) from error
 

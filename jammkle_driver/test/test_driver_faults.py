@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.air import Atmosphere
 from jammkle_driver.core.ankle import PumpLoad
@@ -20,7 +21,7 @@ from jammkle_driver.core.faults import Reason
 from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
 from jammkle_driver.core.requests import RequestError, SetPoint
 from jammkle_driver.core.watch import Instant, OverloadWatch
-from jammkle_driver.fake import FakeFault, LinkFault, ScriptError, read_script
+from jammkle_driver.fake import FakeFault, LinkFault, read_script
 from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
@@ -384,7 +385,7 @@ def test_a_script_of_faults_is_read_or_refused_in_one_line() -> None:
         ("1 blocked", "needs a channel"),
         ("1 unplugged achilles", "could not convert"),
     ):
-        with pytest.raises(ScriptError, match=words):
+        with pytest.raises(InputError, match=words):
             read_script(text)
 
 

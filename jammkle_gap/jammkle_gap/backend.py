@@ -17,7 +17,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.processes import end_with_parent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
 ANSWER_S = 10.0
 """How long a scheduler may take to answer."""
@@ -36,16 +36,31 @@ def check_jobs(jobs: int | None) -> None:
         raise InputError(msg)
 
 
+def in_stages(
+    update: Callable[[float, str], None], stages: Mapping[str, tuple[float, float]]
+) -> Callable[[str, float], None]:
+    """Return what takes the share of a stage that is done, and reports that of the whole, which never falls."""
+    furthest = 0.0
+
+    def on_progress(stage: str, share: float) -> None:
+        nonlocal furthest
+        begin, end = stages.get(stage, (furthest, furthest))
+        furthest = max(furthest, begin + share * (end - begin))
+        update(furthest, stage)
+
+    return on_progress
+
+
 @contextlib.contextmanager
-def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
+def backend(jobs: int | None, scheduler: str | None) -> Iterator[int]:
     """Have what joblib runs in the block run where it was asked for.
 
     Args:
-        jobs: Processes; None lets the diagnosis choose.
+        jobs: Processes; None: one per core.
         scheduler: Address of a Dask scheduler, such as tcp://10.0.0.2:8786; None takes this machine.
 
     Yields:
-        The `jobs` to hand on to the diagnosis.
+        The `jobs` to hand on to joblib.
 
     Raises:
         InputError: Dask is not installed, or the scheduler does not answer.
@@ -59,7 +74,7 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int | None]:
         config = joblib.parallel_config("loky", initializer=_start_worker, initargs=(os.getpid(),))
         with _without_complaints(), config:
             try:
-                yield jobs
+                yield _ALL if jobs is None else jobs
             except BaseException:
                 # Workers that still run at the end of the process leave complaints of its resource tracker.
                 get_reusable_executor().shutdown(wait=True, kill_workers=True)

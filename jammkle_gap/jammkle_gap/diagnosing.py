@@ -22,7 +22,7 @@ from jammkle_gap.ankle.problem import ankle_problem, experiments
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_gap.ankle.repeats import difference, with_settings
 from jammkle_gap.ankle.sensors import SensorSet, headline_set, selected
-from jammkle_gap.backend import backend, check_jobs
+from jammkle_gap.backend import backend, check_jobs, in_stages
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.diagnose import diagnose as diagnose_recordings
 from jammkle_gap.core.effects import BadEffectError, Library
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 PAGE_NAME = "gap.html"
 CORRECTED_NAME = "corrected.yaml"
-_ALL_CORES = -1
 _STAGES = {
     "signatures": (0.0, 0.3),
     "nominal": (0.3, 0.32),
@@ -133,11 +132,9 @@ def check(request: DiagnoseRequest) -> None:
 
 def _try_changes(library: Library, recordings: Sequence[Recording]) -> None:
     rigs = {(each.inputs.rig, each.inputs.options): nominal_rig(each.inputs) for each in recordings}
-    try:
+    with command_errors():
         for rig in rigs.values():
             try_changes(library, rig)
-    except BadEffectError as error:
-        raise InputError(str(error)) from error
 
 
 def write_page(
@@ -211,14 +208,12 @@ def library_of(file: Path | None, only: Sequence[str] = (), without: Sequence[st
         InputError: one of them cannot be used.
 
     """
-    try:
+    with command_errors():
         library = ankle_library(file)
         if only:
             library = Library(tuple(library.effect(name) for name in dict.fromkeys(only)))
         for name in dict.fromkeys(without):
             library = library.without(library.effect(name).name)
-    except BadEffectError as error:
-        raise InputError(str(error)) from error
     if not library.effects:
         msg = "--without leaves no effect to offer; leave one in the library"
         raise InputError(msg)
@@ -250,9 +245,9 @@ def recordings_of(
 
     """
     found: list[tuple[Path, list[Recording]]] = []
-    with progress_bar("reading bags") as update, command_errors(), backend(jobs, None):
+    with progress_bar("reading bags") as update, command_errors(), backend(jobs, None) as processes:
         work = [delayed(_read)(bag, rig, namespace, sensors) for bag in bags]
-        count = 1 if len(bags) == 1 else _ALL_CORES if jobs is None else jobs
+        count = 1 if len(bags) == 1 else processes
         for bag, (runs, notes) in zip(bags, Parallel(n_jobs=count, return_as="generator")(work), strict=True):
             for line in notes:
                 results.note(line)
@@ -307,7 +302,7 @@ def diagnosis_of(
     recordings: Sequence[Recording],
     references: Sequence[Recording],
     problem: Problem,
-    jobs: int | None,
+    jobs: int,
     stop: Callable[[], bool],
 ) -> Diagnosis:
     """Diagnose recordings, with a first answer on stderr on the way; one that was stopped says so.
@@ -316,7 +311,7 @@ def diagnosis_of(
         recordings: Of the machine in question, with their settings.
         references: Of the same machine while healthy, in the same settings.
         problem: Simulator and effects on offer.
-        jobs: Runs at a time; None: one per core.
+        jobs: Runs at a time; -1: one per core.
         stop: True ends the search with what is known by then.
 
     Raises:
@@ -326,21 +321,13 @@ def diagnosis_of(
 
     """
     with progress_bar("diagnosing") as update, command_errors():
-        furthest = 0.0
-
-        def on_progress(stage: str, share: float) -> None:
-            nonlocal furthest
-            begin, end = _STAGES.get(stage, (furthest, furthest))
-            furthest = max(furthest, begin + share * (end - begin))
-            update(furthest, stage)
-
         return diagnose_recordings(
             recordings,
             problem,
             references=references,
             experiments=experiments(recordings),
-            jobs=_ALL_CORES if jobs is None else jobs,
-            progress=on_progress,
+            jobs=jobs,
+            progress=in_stages(update, _STAGES),
             provisional=show_first_answer,
             stop=stop,
         )

@@ -30,9 +30,7 @@ def run_sim(kind: str) -> int:
 
         return SimNode(getattr(kinds, kind))
 
-    return run(
-        make_node, loop=lambda node, executor, stop: node.drive(executor, stop), shut_down=lambda node: node.shut_down()
-    )
+    return run(make_node)
 
 
 if __name__ == "__main__":

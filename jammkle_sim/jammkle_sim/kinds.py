@@ -14,7 +14,7 @@ from jammkle_sim.parameters import RobotParameters, RunParameters, SimParameters
 from jammkle_sim.rigs.catalogue import as_it_is
 from jammkle_sim.rigs.landing import LandingOptions, landing_built
 from jammkle_sim.rigs.options import checked
-from jammkle_sim.rigs.rig import BadChangeError, load_change
+from jammkle_sim.rigs.rig import load_change
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import ankle_alone, robot
 from jammkle_sim.robots.options import RobotOptions
@@ -76,7 +76,7 @@ def make_robot(parameters: RobotParameters) -> Simulation:
 
     try:
         return _warmed_up(built)
-    except BadChangeError as error:
+    except InputError as error:
         msg = f"parameter 'effects_file': {error}"
         raise ParameterError(msg) from error
 
@@ -119,7 +119,7 @@ def _effects(file: str, load: Callable[[Path], Change]) -> Change | None:
         return None
     try:
         return load(Path(file))
-    except (BadChangeError, InputError) as error:
+    except InputError as error:
         msg = f"parameter 'effects_file': {error}"
         raise ParameterError(msg) from error
 

@@ -76,8 +76,8 @@ class AnkleOutputs:
         }
         for output, (message_type, topic, make) in made.items():
             if output in outputs:
-                publishing = _publishing_if_subscribed if output in _ONLY_IF_SUBSCRIBED else _publishing
-                self._publish[output] = publishing(publisher(message_type, topic), make)
+                always = output not in _ONLY_IF_SUBSCRIBED
+                self._publish[output] = _publishing(publisher(message_type, topic), make, always=always)
         if Output.GAIT in outputs:
             self._phase = publisher(Float32, names.GAIT_PHASE)
             self._planned_contact = publisher(Bool, names.PLANNED_CONTACT)
@@ -389,13 +389,9 @@ def _publisher(node: Node, within: str, message_type: type, topic: names.Topic) 
     return node.create_publisher(message_type, below(within, topic), publisher_qos(topic))
 
 
-def _publishing(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
-    return lambda time_ns: publisher.publish(make(time_ns))
-
-
-def _publishing_if_subscribed(publisher: Publisher, make: Callable[[int], Any]) -> Callable[[int], None]:
+def _publishing(publisher: Publisher, make: Callable[[int], Any], *, always: bool) -> Callable[[int], None]:
     def publish(time_ns: int) -> None:
-        if _is_subscribed(publisher):
+        if always or _is_subscribed(publisher):
             publisher.publish(make(time_ns))
 
     return publish

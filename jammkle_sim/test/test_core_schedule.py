@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_sim.core.engine import Output, RateError, Schedule, steps_per_output, timestep_ns
+from jammkle_common.parameters import ParameterError
+from jammkle_sim.core.engine import Output, Schedule, steps_per_output, timestep_ns
 
 PERIODS = st.dictionaries(st.sampled_from(list(Output)), st.integers(1, 40), min_size=1)
 HOURS_LATER = 2000 * 3600 * 100
@@ -47,20 +48,20 @@ def test_a_rate_is_exact_or_refused(rate_hz: int) -> None:
     if 2000 % rate_hz == 0:
         assert steps_per_output(rate_hz, 0.0005, 1000) * rate_hz == 2000
     else:
-        with pytest.raises(RateError, match=rf"{rate_hz} Hz .* must divide 2000 Hz, as \d+( or \d+)? Hz$"):
+        with pytest.raises(ParameterError, match=rf"{rate_hz} Hz .* must divide 2000 Hz, as \d+( or \d+)? Hz$"):
             steps_per_output(rate_hz, 0.0005, 1000)
 
 
 def test_the_rates_named_in_an_error_are_the_neighbours() -> None:
     """300 Hz at 0.5 ms: 250 and 400 Hz would do."""
-    with pytest.raises(RateError, match=r"as 250 or 400 Hz$"):
+    with pytest.raises(ParameterError, match=r"as 250 or 400 Hz$"):
         steps_per_output(300, 0.0005, 1000)
 
 
 def test_stamps_need_whole_nanoseconds() -> None:
     """0.5 ms is exact; a third of a millisecond is refused, since its stamps would drift."""
     assert timestep_ns(0.0005) == 500_000
-    with pytest.raises(RateError, match="whole number of nanoseconds"):
+    with pytest.raises(ParameterError, match="whole number of nanoseconds"):
         timestep_ns(1 / 3000)
 
 

@@ -27,9 +27,7 @@ def run_loaded(module: str, node: str, needs: str, way_out: str) -> int:
             raise ParameterError(way_out)
         return getattr(importlib.import_module(module), node)()
 
-    return run(
-        make_node, loop=lambda node, executor, stop: node.drive(executor, stop), shut_down=lambda node: node.shut_down()
-    )
+    return run(make_node)
 
 
 if __name__ == "__main__":

@@ -170,9 +170,8 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
     """
     collected = Collected()
     with opened(path) as reader:
-        found = namespaces_in(reader.topics)
-        chosen = _chosen(path, found, namespace)
-        takers = _takers(collected, chosen, found, set(reader.topics))
+        chosen = reader.chosen_namespace(namespace)
+        takers = _takers(collected, chosen, reader.topics)
         wanted = reader.on(takers)
         total = max(sum(each.msgcount for each in wanted), 1)
         for count, (connection, _, _, data) in enumerate(BagTimes(reader).messages(wanted)):
@@ -182,25 +181,11 @@ def read_recorded(path: Path, namespace: str | None, on_progress: Callable[[floa
     return collected.recorded(name_of(path), chosen)
 
 
-def _chosen(path: Path, found: Sequence[str], namespace: str | None) -> str:
-    if not found:
-        msg = f"bag {path} holds no topic of an ankle; record the topics that `jammkle record` takes"
-        raise InputError(msg)
-    if namespace is None and len(found) == 1:
-        return found[0]
-    if namespace not in found:
-        msg = f"bag {path} holds the namespaces {', '.join(found)}; choose one with --namespace"
-        raise InputError(msg)
-    return str(namespace)
-
-
-def _takers(
-    collected: Collected, chosen: str, found: Sequence[str], present: Collection[str]
-) -> dict[str, Callable[[Any], None]]:
+def _takers(collected: Collected, chosen: str, present: Collection[str]) -> dict[str, Callable[[Any], None]]:
     """Return what takes the messages of each topic: the ankle's own, its robot's, and the joints of its others."""
     above = chosen.rpartition("/")[0]
     takers: dict[str, Callable[[Any], None]] = {}
-    for other in found:
+    for other in namespaces_in(present):
         parent, _, ankle = other.rpartition("/")
         if parent == above and ankle and other != chosen:
             takers[f"{other}/{names.JOINT_STATES.name}"] = partial(collected.take_other, ankle)

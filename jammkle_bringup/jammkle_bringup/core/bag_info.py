@@ -9,15 +9,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from jammkle_common.bags.contents import profiles
-from jammkle_common.bags.reading import namespaces_in, opened
+from jammkle_common.bags.reading import opened
 from jammkle_common.bags.run_sheet import read_sheet
 from jammkle_common.bags.times import BagTimes, Span, other_clock
-from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import SIM_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
     from pathlib import Path
 
     from jammkle_common.bags.storage import Connection
@@ -104,26 +103,6 @@ def _topic(connection: Connection, span: Span, times: BagTimes) -> TopicInfo:
         reliability=", ".join(sorted({profile.reliability.name.lower() for profile in offered})),
         durability=", ".join(sorted({profile.durability.name.lower() for profile in offered})),
     )
-
-
-def chosen_namespace(path: Path, topics: Iterable[str], namespace: str | None) -> str:
-    """Return the namespace of the ankle that is meant; None: the only one.
-
-    Raises:
-        InputError: the bag holds nothing of an ankle there, or several ankles and none is chosen.
-
-    """
-    found = namespaces_in(topics)
-    if namespace is None and len(found) == 1:
-        return found[0]
-    if namespace is None and found:
-        msg = f"bag {path} holds several namespaces ({', '.join(found)}): choose one with --namespace"
-        raise InputError(msg)
-    if namespace is None or namespace not in found:
-        where = "" if namespace is None else f" in namespace {namespace}"
-        msg = f"bag {path} holds no topic of an ankle{where}; it has: {', '.join(found) or 'none'}"
-        raise InputError(msg)
-    return namespace
 
 
 def constant_name(message: Any, value: int) -> str:

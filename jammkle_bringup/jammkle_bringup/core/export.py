@@ -480,15 +480,10 @@ class RowMaker:
         """
         self._definitions = definitions
         self._leaf = topic.rpartition("/")[2]
-        self._rows: Callable[[Any], Iterator[Row]]
-        if message_type == _DIAGNOSTICS:
-            self._rows = _diagnostic_rows
-        else:
-            self._rows = self._single(self._fields(message_type))
-
-    def rows(self, message: Any) -> Iterator[Row]:
-        """Make the rows of a message: one, and of /diagnostics one per line."""
-        return self._rows(message)
+        self.rows: Callable[[Any], Iterator[Row]] = (
+            _diagnostic_rows if message_type == _DIAGNOSTICS else self._single(self._fields(message_type))
+        )
+        """Makes the rows of a message: one, and of /diagnostics one per line."""
 
     def _single(self, fill: Callable[[Any, str, Row], None]) -> Callable[[Any], Iterator[Row]]:
         def rows(message: Any) -> Iterator[Row]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jammkle_bringup.core.bag_info import chosen_namespace, constant_name
+from jammkle_bringup.core.bag_info import constant_name
 from jammkle_common.bags.reading import opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
@@ -102,7 +102,7 @@ def read_run(path: Path, namespace: str | None = None) -> RunSeries:
         if not reader.message_count:
             msg = f"bag {path} holds no messages"
             raise InputError(msg)
-        namespace = chosen_namespace(path, reader.topics, namespace)
+        namespace = reader.chosen_namespace(namespace)
         topics = {resolved(namespace, name): name for name in (CONTACT_EVENTS.name, *_VALUES)}
         times = BagTimes(reader)
         for connection, time_ns, _, data in times.messages(reader.on(topics)):

@@ -12,6 +12,7 @@ import importlib
 import re
 import sys
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from jammkle_common.command import HARDWARE, entries
@@ -26,14 +27,14 @@ from jammkle_common.names import (
     SIM_HARDWARE,
     SIM_NODE,
     VIEWER_NODE,
+    normalised,
     resolved,
 )
 from jammkle_common.parameters import ParameterError, from_mapping, of_table
-from jammkle_common.yaml_text import YamlError, read_yaml
+from jammkle_common.yaml_text import read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from jammkle_common.parameters import ParameterClass
 
@@ -194,6 +195,49 @@ def simulated_time(entry: NodeEntry, hardware: str) -> bool:
     return entry.follows_simulated_time and hardware == SIM_HARDWARE
 
 
+def to_launch(
+    robot: Robot,
+    given: Mapping[str, str],
+    pushed: str,
+    values: Mapping[str, Mapping[str, object]],
+    looking_on: Sequence[NodeEntry] = (),
+) -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield the path of each node that a launch file starts, and what launch_ros makes it of.
+
+    Args:
+        robot: What is brought up.
+        given: The launch file's arguments: hardware, namespace, speed, publish_clock, params.
+        pushed: Namespace of an including launch file.
+        values: Further parameters of the simulation and of drivers, by name of the node.
+        looking_on: Further nodes.
+
+    Raises:
+        InputError: the hardware is unknown, or a file cannot be read.
+
+    """
+    hardware, files = given["hardware"], [given["params"]] if given["params"] else []
+    check_hardware(hardware)
+    namespace = normalised(resolved(pushed, given["namespace"]))
+    shared: dict[str, dict[str, object]] = {
+        SIM_NODE: {"speed": float(given["speed"]), "publish_clock": given["publish_clock"].lower() == "true"},
+        DRIVER_NODE: {"hardware": hardware},
+    }
+    named = robot_names_for(robot, [Path(file) for file in files], namespace)
+    for entry in (*nodes_for(hardware, robot), *named, *looking_on):
+        timed = {"use_sim_time": True} if simulated_time(entry, hardware) else {}
+        yield (
+            entry.path,
+            {
+                "package": entry.package,
+                "executable": entry.executable or entry.name,
+                "name": entry.name,
+                "namespace": resolved(namespace, entry.within) if entry.within else namespace,
+                "parameters": [*files, {**timed, **shared.get(entry.name, {}), **values.get(entry.name, {})}],
+                "output": "screen",
+            },
+        )
+
+
 def command_of(
     entry: NodeEntry,
     namespace: str,
@@ -290,7 +334,7 @@ def option_value(text: str, typed: str) -> tuple[str, ParameterValue]:
         raise InputError(msg)
     try:
         value = read_yaml(value_text, typed)
-    except YamlError:
+    except InputError:
         value = None
     if not isinstance(value, (bool, int, float, str)):
         msg = f"-p {typed}: the value must be a number, true, false or text (text with a colon in quotes)"
@@ -328,8 +372,6 @@ def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
     except UnicodeDecodeError as error:
         msg = f"{path} is not YAML: {error}"
         raise InputError(msg) from error
-    except YamlError as error:
-        raise InputError(str(error)) from error
     if not isinstance(document, dict):
         msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
         raise InputError(msg)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from plotly import graph_objects as go  # type: ignore[import-untyped]  # carries no types
 from plotly.subplots import make_subplots  # type: ignore[import-untyped]  # carries no types
 
-from jammkle_bringup.core.bag_info import chosen_namespace, constant_name
+from jammkle_bringup.core.bag_info import constant_name
 from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import Interrupted
@@ -117,7 +117,7 @@ def run_picture(
     """
     samples = RunSamples()
     with opened(path) as reader:
-        namespace = chosen_namespace(path, reader.topics, namespace)
+        namespace = reader.chosen_namespace(namespace)
         times = BagTimes(reader)
         taken = {topic: samples.takers.get(relative(namespace, topic) or "") for topic in reader.topics}
         wanted = reader.on([topic for topic, take in taken.items() if topic == CLOCK.name or take is not None])

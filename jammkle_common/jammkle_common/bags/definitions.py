@@ -166,7 +166,7 @@ class KnownTypes:
         try:
             self._store.register({each: fields for each, fields in used.items() if each not in self._store.fielddefs})
         except Exception as error:
-            msg = f"the definition of its type {name} cannot be used: {_line(error)}"
+            msg = f"the definition of its type {name} cannot be used: {one_line(error)}"
             raise UndecodableError(msg) from error
         self._seen.add((name, channel.definition))
 
@@ -180,7 +180,7 @@ class KnownTypes:
             if text.strip():
                 return dict(get_types_from_msg(text, channel.msgtype))
         except Exception as error:
-            msg = f"the definition of its type {channel.msgtype} cannot be read: {_line(error)}"
+            msg = f"the definition of its type {channel.msgtype} cannot be read: {one_line(error)}"
             raise UndecodableError(msg) from error
         return {}
 
@@ -234,7 +234,8 @@ def _types_in_fields(definition: Any) -> Iterator[str]:
             yield kind[1]
 
 
-def _line(error: Exception) -> str:
+def one_line(error: Exception) -> str:
+    """Return what an error says, without line breaks; its class where it says nothing."""
     return " ".join(str(error).split()) or type(error).__name__
 
 

@@ -16,7 +16,7 @@ from jammkle_common.bags.contents import (
     checked_count,
     contents_of,
 )
-from jammkle_common.bags.definitions import KnownTypes, UndecodableError
+from jammkle_common.bags.definitions import KnownTypes, UndecodableError, one_line
 from jammkle_common.bags.storage import ZSTD, begins_with, decompressed, merged, open_file, plain_data
 from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import note
@@ -86,6 +86,24 @@ class BagReader:
             counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
         return counts
 
+    def chosen_namespace(self, wanted: str | None) -> str:
+        """Return the normalised namespace of the ankle that is meant; None: of the only one.
+
+        Raises:
+            InputError: the bag holds nothing of an ankle there, or several ankles and none is chosen.
+
+        """
+        found = namespaces_in(self.topics)
+        if wanted in found:
+            return wanted
+        if wanted is None and len(found) == 1:
+            return found[0]
+        msg = f"bag {self.path} holds no topic of an ankle; record the topics that `jammkle record` takes"
+        if found:
+            not_there = "" if wanted is None else f", not '{wanted}'"
+            msg = f"bag {self.path} holds the namespaces {', '.join(found)}; choose one with --namespace{not_there}"
+        raise InputError(msg)
+
     def on(self, topics: Collection[str]) -> list[Connection]:
         """Return the connections of some topics; one of ours that has another type is left out, and named."""
         found = []
@@ -116,7 +134,7 @@ class BagReader:
         try:
             return self.typestore.deserialize_cdr(data, message_type)
         except Exception as error:  # errors of struct, of text, of index, as the data are broken
-            msg = f"bag {self.path} is damaged: a message of type {message_type} cannot be decoded: {_why(error)}"
+            msg = f"bag {self.path} is damaged: a message of type {message_type} cannot be decoded: {one_line(error)}"
             raise InputError(msg) from error
 
     def serialize(self, message: Any, message_type: str) -> bytes:
@@ -160,7 +178,7 @@ def opened(path: Path, *, quietly: bool = False) -> Iterator[BagReader]:
             raise
         # As in `open_files`.
         except Exception as error:
-            msg = f"bag {path} cannot be read: {_why(error)}"
+            msg = f"bag {path} cannot be read: {one_line(error)}"
             raise InputError(msg) from error
         for line in () if quietly else reader.notes:
             note(line)
@@ -188,7 +206,7 @@ def open_files(contents: Contents, stack: contextlib.ExitStack) -> list[BagFile]
             raise
         # The libraries let errors of their parsers, of struct and of codecs through: what is broken decides.
         except Exception as error:
-            msg = f"bag file {path} cannot be read: {_why(error)}"
+            msg = f"bag file {path} cannot be read: {one_line(error)}"
             raise InputError(msg) from error
         stack.callback(file.close)
         files.append(file)
@@ -219,16 +237,12 @@ def messages(
             yield message
     # As in `opened`: what comes out depends on what is broken. An error of who takes the messages does not come here.
     except Exception as error:
-        msg = f"bag {path} is damaged after {count} messages: {_why(error)}"
+        msg = f"bag {path} is damaged after {count} messages: {one_line(error)}"
         raise InputError(msg) from error
     expected = sum(each.msgcount for each in (reader.connections if connections is None else connections))
     if count != expected:
         msg = f"bag {path} is damaged: it holds {count} messages where its index says {expected}"
         raise InputError(msg)
-
-
-def _why(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 _TELLING: tuple[names.Topic, ...] = (

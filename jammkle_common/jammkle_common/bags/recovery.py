@@ -224,7 +224,7 @@ def _completed(path: Path, on_progress: Callable[[float], None]) -> tuple[DataSe
         torn = section.size - section.end
         with path.open("r+b", buffering=0) as stream:
             return section, torn, complete(stream, section)
-    except NoMcapError as error:
+    except InputError as error:
         msg = f"bag file {path} cannot be recovered: {error}"
         raise InputError(msg) from error
 
@@ -269,10 +269,6 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
 HEAD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQ")  # channel, sequence, log time; publish time and data follow
 _KNOWN = {int(each) for each in Opcode}
-
-
-class NoMcapError(ValueError):
-    """The file is not what a recorder of MCAP leaves behind; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -322,14 +318,14 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
     """Read an open file up to its ending, or up to where it was torn off; tell the share that was read, 0 to 1.
 
     Raises:
-        NoMcapError: no MCAP file, not in chunks, or damaged before its last record.
+        InputError: no MCAP file, not in chunks, or damaged before its last record.
 
     """
     section = DataSection(size=stream.seek(0, 2))
     stream.seek(0)
     if stream.read(len(MCAP)) != MCAP:
         msg = "it is no MCAP file"
-        raise NoMcapError(msg)
+        raise InputError(msg)
     for opcode, body in _records(stream, section):
         start = section.end
         if opcode == Opcode.DATA_END:
@@ -341,7 +337,7 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
         except Exception as error:  # the library lets errors of struct, of codecs and its own through
             if section.size > start + HEAD.size + len(body):
                 msg = f"it is damaged at byte {start}, with {section.size - start} bytes from there on: {error}"
-                raise NoMcapError(msg) from error
+                raise InputError(msg) from error
             break
         section.end = start + HEAD.size + len(body)
         on_progress(section.end / section.size)
@@ -354,7 +350,7 @@ def _records(stream: BinaryIO, section: DataSection) -> Iterator[tuple[int, byte
         opcode, length = HEAD.unpack(head)
         if opcode not in _KNOWN and any(head):
             msg = f"it is damaged at byte {section.end}: {opcode} is no kind of record"
-            raise NoMcapError(msg)
+            raise InputError(msg)
         if not opcode or section.end + HEAD.size + length > section.size:
             return
         yield opcode, stream.read(length)
@@ -371,7 +367,7 @@ def _take(section: DataSection, opcode: int, body: bytes, start: int) -> None:
         _know(section, opcode, body)
     elif opcode == Opcode.MESSAGE:
         msg = "its messages are not in chunks"
-        raise NoMcapError(msg)
+        raise InputError(msg)
 
 
 def _know(section: DataSection, opcode: int, body: bytes) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import SIM_PARAMETERS
 from jammkle_common.parameters import is_number, shortened
-from jammkle_common.yaml_text import YamlError, read_yaml
+from jammkle_common.yaml_text import read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -73,7 +73,7 @@ def read_text(text: str, source: str) -> RunSheet:
         InputError: it is not YAML, or rig or options are not what they must be.
 
     """
-    content = _content(text, source)
+    content = read_yaml(text, source)
     return _sheet_of(content if isinstance(content, dict) else {}, source, _plain)
 
 
@@ -84,7 +84,7 @@ def read_options(text: str, source: str) -> RunSheet | dict[str, Any]:
         InputError: it is neither; the message begins with the source.
 
     """
-    content = _content(text, source)
+    content = read_yaml(text, source)
     if content is None:
         return {}
     if not isinstance(content, dict):
@@ -93,13 +93,6 @@ def read_options(text: str, source: str) -> RunSheet | dict[str, Any]:
     if content.keys() & set(KEYS):
         return _sheet_of(content, source, _word)
     return {str(name): _word(value) for name, value in content.items()}
-
-
-def _content(text: str, source: str) -> Any:
-    try:
-        return read_yaml(text, source)
-    except YamlError as error:
-        raise InputError(str(error)) from error
 
 
 _WRITE = "write NAME: VALUE, one a line"

@@ -139,52 +139,38 @@ class Detection(enum.Enum):
     REST = "settled"
 
 
-@dataclass(frozen=True)
-class Offer:
-    """Whether a detection is made, on what, or why it is not."""
-
-    made: bool
-    reason: str
-
-
-_SWING_POSTERIOR = Offer(made=True, reason="probability of swing")
-_SLIDE_POSTERIOR = Offer(made=True, reason="probability of sliding")
-_FREE_FALL = Offer(made=True, reason="nearly no specific force")
-_RAISED = Offer(made=True, reason="height since it last rested, and a tilt")
-_REST = Offer(made=True, reason="specific force of gravity, and no turning")
-_FOOT: Mapping[Detection, Offer] = {
-    Detection.IMPACT: Offer(made=True, reason="a blow in a swing, by its density ratio"),
-    Detection.FLIGHT: _FREE_FALL,
-    Detection.STEP: _SWING_POSTERIOR,
-    Detection.SWING: _SWING_POSTERIOR,
-    Detection.RAISE: _RAISED,
-    Detection.SLIP_STANDING: _SLIDE_POSTERIOR,
-    Detection.SLIP_STEPPING: _SLIDE_POSTERIOR,
-    Detection.REST: _REST,
+_FOOT: Mapping[Detection, str] = {
+    Detection.IMPACT: "a blow in a swing, by its density ratio",
+    Detection.FLIGHT: "nearly no specific force",
+    Detection.STEP: "probability of swing",
+    Detection.SWING: "probability of swing",
+    Detection.RAISE: "height since it last rested, and a tilt",
+    Detection.SLIP_STANDING: "probability of sliding",
+    Detection.SLIP_STEPPING: "probability of sliding",
+    Detection.REST: "specific force of gravity, and no turning",
 }
-_BODY: Mapping[Detection, Offer] = {
-    Detection.IMPACT: Offer(made=True, reason="the end of free fall; a threshold above weight and level"),
-    Detection.FLIGHT: _FREE_FALL,
-    Detection.STEP: Offer(
-        made=False, reason="a body that does not fall never showed it: needs the gait, efforts, a switch or the load"
+_UNFELT_ON_THE_BODY: Mapping[Detection, str] = {
+    Detection.STEP: "a body that does not fall never showed it: needs the gait, efforts, a switch or the load",
+    Detection.SWING: "the swing of one foot is not felt on the body",
+    Detection.SLIP_STEPPING: (
+        "a body that walks speeds up and slows down at every step: 2 of 309 events were one; odometry shows it"
     ),
-    Detection.SWING: Offer(made=False, reason="the swing of one foot is not felt on the body"),
-    Detection.RAISE: _RAISED,
-    Detection.SLIP_STANDING: Offer(made=True, reason="a step of the acceleration that becomes a speed"),
-    Detection.SLIP_STEPPING: Offer(
-        made=False,
-        reason="a body that walks speeds up and slows down at every step: 2 of 309 events were one; odometry shows it",
-    ),
-    Detection.REST: _REST,
 }
-OFFERS: Mapping[Mount, Mapping[Detection, Offer]] = {Mount.FOOT: _FOOT, Mount.SHANK: _FOOT, Mount.BODY: _BODY}
+_BODY: Mapping[Detection, str] = {
+    **_FOOT,
+    Detection.IMPACT: "the end of free fall; a threshold above weight and level",
+    Detection.SLIP_STANDING: "a step of the acceleration that becomes a speed",
+    **_UNFELT_ON_THE_BODY,
+}
+REASONS: Mapping[Mount, Mapping[Detection, str]] = {Mount.FOOT: _FOOT, Mount.SHANK: _FOOT, Mount.BODY: _BODY}
+"""What each kind of event is detected on, or why it is not, by the place of the IMU."""
 
 
 def is_felt(mount: Mount, detection: Detection) -> bool:
     """Whether an IMU in this place is used to detect it."""
-    return OFFERS[mount][detection].made
+    return mount is not Mount.BODY or detection not in _UNFELT_ON_THE_BODY
 
 
 def not_felt(mount: Mount) -> Mapping[str, str]:
     """Return what is not detected on an IMU in this place, with the reasons."""
-    return {detection.value: offer.reason for detection, offer in OFFERS[mount].items() if not offer.made}
+    return {each.value: why for each, why in REASONS[mount].items() if not is_felt(mount, each)}

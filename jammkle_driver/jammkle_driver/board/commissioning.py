@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 import yaml
 
-from jammkle_common.command.errors import Interrupted
+from jammkle_common.command.errors import InputError, Interrupted
 from jammkle_common.constants import HELD_VACUUM_PA
 from jammkle_common.names import CHANNELS
 from jammkle_driver.board.check import PERIOD_S, RELEASED, CheckRow, Probe, check, command, row_of
@@ -244,7 +244,7 @@ class _Calibration:
         ambient_pa = 1e3 * ambient_kpa
         try:
             lines = sensor_lines(first, ambient_pa, second, ambient_pa - 1e3 * abs(gauge_kpa))
-        except CalibrationError as error:
+        except InputError as error:
             return row_of(_CALIBRATION, "not written", str(error))
         if self._own:
             await self._store(lines)
@@ -304,10 +304,6 @@ AIR_PA = (50e3, 110e3)
 """Pressures of the air that can be, Pa absolute: from 5500 m to below the sea, as for the driver's parameter."""
 
 
-class CalibrationError(ValueError):
-    """Two points that make no line. One line of text."""
-
-
 @dataclass(frozen=True)
 class SensorLine:
     """A sensor's straight line through two points, each a number of its register and the pressure there, Pa."""
@@ -332,26 +328,26 @@ def sensor_lines(
     """Return each sensor's line from its numbers at two pressures, Pa.
 
     Raises:
-        CalibrationError: a pressure cannot be, they are too close, or a sensor does not follow.
+        InputError: a pressure cannot be, they are too close, or a sensor does not follow.
 
     """
     if not AIR_PA[0] <= first_pa <= AIR_PA[1]:
         low_kpa, high_kpa = AIR_PA[0] / 1e3, AIR_PA[1] / 1e3
         msg = f"the air is at {first_pa / 1e3:g} kPa; it must be {low_kpa:g} to {high_kpa:g} kPa, absolute"
-        raise CalibrationError(msg)
+        raise InputError(msg)
     if not 0.0 <= second_pa <= AIR_PA[1]:
         msg = f"the gauge leaves {second_pa / 1e3:g} kPa of the air; it reads vacuum in kPa, less than the air itself"
-        raise CalibrationError(msg)
+        raise InputError(msg)
     if abs(first_pa - second_pa) < LEAST_VACUUM_PA:
         msg = (
             f"the two points are {abs(first_pa - second_pa) / 1e3:.1f} kPa apart; at least {LEAST_VACUUM_PA / 1e3:.0f}"
         )
-        raise CalibrationError(msg)
+        raise InputError(msg)
     lines = {}
     for place, number in first.items():
         if abs(number - second[place]) < _LEAST_STEPS:
             msg = f"sensor {place} reads {number:.0f} at both pressures: it does not measure"
-            raise CalibrationError(msg)
+            raise InputError(msg)
         low, high = sorted(((number, first_pa), (second[place], second_pa)))
         lines[place] = SensorLine(low, high)
     return lines

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
-from jammkle_common.yaml_text import YamlError, read_yaml
+from jammkle_common.yaml_text import read_yaml
 from jammkle_driver.core.hardware import MANIFOLD
 
 if TYPE_CHECKING:
@@ -201,10 +202,6 @@ _LARGEST_UNIT = 247
 _WATCHDOG = register_list().holding("watchdog_ms")
 
 
-class WiringError(ValueError):
-    """A board file that cannot be used. The message is one line: what is wrong, where, and what would be right."""
-
-
 _BOUNDS: dict[str, tuple[float, float]] = {
     "unit": (1, _LARGEST_UNIT),
     "baud_rate": (1200, 4_000_000),
@@ -234,23 +231,23 @@ def load_wiring(path: Path | None) -> Wiring:
     """Read a board file; None takes the shipped one.
 
     Raises:
-        WiringError: it cannot be read, or says something that cannot be.
+        InputError: it cannot be read, or says something that cannot be.
 
     """
     path = path or standard_board_file()
     try:
-        return _wiring(read_yaml(path.read_text(encoding="utf-8"), f"board file {path}"))
+        content = read_yaml(path.read_text(encoding="utf-8"), f"board file {path}")
     except OSError as error:
         msg = f"board file {path}: {error.strerror}"
-        raise WiringError(msg) from error
+        raise InputError(msg) from error
     except UnicodeDecodeError as error:
         msg = f"board file {path}: not UTF-8"
-        raise WiringError(msg) from error
-    except YamlError as error:
-        raise WiringError(str(error)) from error
-    except WiringError as error:
+        raise InputError(msg) from error
+    try:
+        return _wiring(content)
+    except InputError as error:
         msg = f"board file {path}: {error}"
-        raise WiringError(msg) from error
+        raise InputError(msg) from error
 
 
 def _wiring(content: object) -> Wiring:
@@ -261,12 +258,12 @@ def _wiring(content: object) -> Wiring:
     on_connect = _mapping("on_connect", entries.pop("on_connect", {}))
     if set(solenoids) != set(CHANNELS):
         msg = f"solenoids names {', '.join(solenoids) or 'none'}; it must name {', '.join(CHANNELS)}"
-        raise WiringError(msg)
+        raise InputError(msg)
     strangers = sorted(set(sensors) - {*CHANNELS, MANIFOLD})
     missing = [channel for channel in CHANNELS if channel not in sensors]
     if strangers or missing:
         msg = f"sensors must name {', '.join(CHANNELS)}, and may name {MANIFOLD}; wrong: {(strangers + missing)[0]}"
-        raise WiringError(msg)
+        raise InputError(msg)
     made = Wiring(
         pump=_made(Pump, "pump", pump),
         solenoids={name: _made(Solenoid, f"solenoid {name}", _mapping(name, solenoids[name])) for name in CHANNELS},
@@ -278,14 +275,14 @@ def _wiring(content: object) -> Wiring:
         **_checked_entries(Wiring, "", {"firmware": Firmware.OTHER.value, **entries}),
     )
     for problem in _problems(made):
-        raise WiringError(problem)
+        raise InputError(problem)
     return made
 
 
 def _mapping(name: str, content: object) -> dict[Any, Any]:
     if not isinstance(content, dict):
         msg = f"{name} is {content!r}; it must be a list of names and values"
-        raise WiringError(msg)
+        raise InputError(msg)
     return dict(content)
 
 
@@ -294,7 +291,7 @@ def _made(kind: Any, name: str, entries: dict[str, Any]) -> Any:
         return kind(**_checked_entries(kind, name, entries))
     except TypeError as error:
         msg = f"{name} lacks a value: {error}"
-        raise WiringError(msg) from error
+        raise InputError(msg) from error
 
 
 def _checked_entries(kind: Any, name: str, entries: dict[str, Any]) -> dict[str, Any]:
@@ -302,7 +299,7 @@ def _checked_entries(kind: Any, name: str, entries: dict[str, Any]) -> dict[str,
     for key in entries:
         if key not in known:
             msg = f"{name or 'the file'} says '{key}', which means nothing; known are {', '.join(sorted(known))}"
-            raise WiringError(msg)
+            raise InputError(msg)
     fields = kind.__dataclass_fields__
     checked = {key: _checked(name, key, value, fields[key].default) for key, value in entries.items()}
     if "firmware" in checked:
@@ -315,19 +312,19 @@ def _checked(name: str, key: str, value: object, default: object) -> Any:
     if key in _CHOICES:
         if value not in _CHOICES[key]:
             msg = f"{where} is {value!r}; it must be one of {', '.join(_CHOICES[key])}"
-            raise WiringError(msg)
+            raise InputError(msg)
         return value
     if isinstance(default, bool):
         if not isinstance(value, bool):
             msg = f"{where} is {value!r}; it must be true or false"
-            raise WiringError(msg)
+            raise InputError(msg)
         return value
     whole = not isinstance(default, float)
     low, high = _BOUNDS[key]
     number = isinstance(value, int) or (isinstance(value, float) and not whole)
     if isinstance(value, bool) or not number or not low <= float(str(value)) <= high:
         msg = f"{where} is {value!r}; it must be a {'whole ' if whole else ''}number from {low:g} to {high:g}"
-        raise WiringError(msg)
+        raise InputError(msg)
     return value
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linprog  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common import names
-from jammkle_common.bags.reading import name_of, namespaces_in, opened
+from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.run_sheet import RunSheet, read_sheet
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
@@ -103,16 +103,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Bag:
 
 def _tables(path: Path, namespace: str | None) -> tuple[dict[str, _Table], list[str]]:
     with opened(path) as reader:
-        found = namespaces_in(set(reader.topics))
-        if not found:
-            msg = f"bag {path} holds no topic of an ankle, such as {names.JOINT_STATES.name}"
-            msg += "; record the topics that `jammkle record` takes"
-            raise BadRecordingError(msg)
-        chosen = namespace or found[0]
-        if chosen not in found or (namespace is None and len(found) > 1):
-            msg = f"bag {path} holds the namespaces {', '.join(found)}"
-            msg += f"; choose one of them, not '{namespace or 'none'}'"
-            raise BadRecordingError(msg)
+        chosen = reader.chosen_namespace(namespace)
         takers = {f"{chosen.rstrip('/')}/{name}": (name, take) for name, take in TAKERS.items()}
         takers[names.CLOCK.name] = (names.CLOCK.name, _take_clock)
         tables: dict[str, _Table] = {}

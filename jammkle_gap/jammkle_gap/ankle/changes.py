@@ -144,20 +144,12 @@ def relax_times(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
 
 def scale_friction(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the force at which jammed fibres slide, by `scale`."""
-
-    def change(law: Any) -> None:
-        law["friction_yield_n_per_pa"] *= values["scale"]
-
-    return with_tendons(rig, "", change)
+    return _with_scaled_tendons(rig, "friction_yield_n_per_pa", values["scale"])
 
 
 def scale_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the elastic force by `scale`."""
-
-    def change(law: Any) -> None:
-        law["static_force_n"] *= values["scale"]
-
-    return with_tendons(rig, "", change)
+    return _with_scaled_tendons(rig, "static_force_n", values["scale"])
 
 
 def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -247,6 +239,13 @@ def with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
         if name in chosen:
             change(laws[i])
     return dataclasses.replace(rig, tendon_laws=laws)
+
+
+def _with_scaled_tendons(rig: Rig, field: str, scale: float) -> Rig:
+    def change(law: Any) -> None:
+        law[field] *= scale
+
+    return with_tendons(rig, "", change)
 
 
 _LEAST_KG = 0.01
@@ -630,11 +629,7 @@ def creep(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 def scale_friction_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the stiffness with which jammed fibres hold before they slide, by `scale`."""
-
-    def change(law: Any) -> None:
-        law["friction_stiffness_n_m"] *= values["scale"]
-
-    return with_tendons(rig, "", change)
+    return _with_scaled_tendons(rig, "friction_stiffness_n_m", values["scale"])
 
 
 def slip_early(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -658,20 +653,12 @@ def shift_onset(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
 
 def scale_grip(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale the pull of the membrane that grips the fibres, by `scale`."""
-
-    def change(law: Any) -> None:
-        law["grip_n_per_pa"] *= values["scale"]
-
-    return with_tendons(rig, "", change)
+    return _with_scaled_tendons(rig, "grip_n_per_pa", values["scale"])
 
 
 def scale_stiffening(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     """Scale by how much vacuum stiffens the fibres, by `scale`."""
-
-    def change(law: Any) -> None:
-        law["stiffening_per_pa"] *= values["scale"]
-
-    return with_tendons(rig, "", change)
+    return _with_scaled_tendons(rig, "stiffening_per_pa", values["scale"])
 
 
 def scale_bandwidth(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from jammkle_common.command.errors import InputError
 from jammkle_gap.ankle.effects import (
     ankle_library,
     apply_effects,
@@ -30,7 +31,7 @@ from jammkle_gap.core.effects import BadEffectError, Library
 from jammkle_sim.physics.engine import mujoco
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.rigs.replay import CommandTrack, Timeline
-from jammkle_sim.rigs.rig import BadChangeError, laws_of
+from jammkle_sim.rigs.rig import laws_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -147,19 +148,19 @@ class RigChange:
         """Return a rig with the effects in it.
 
         Raises:
-            BadChangeError: the rig has not what an effect changes.
+            InputError: the rig has not what an effect changes.
 
         """
         try:
             return dataclasses.replace(self.correction(rig), left_out=self.left_out)
         except BadEffectError as error:
-            raise BadChangeError(str(error)) from error
+            raise InputError(str(error)) from error
 
     def live(self) -> RigChange:
         """Return what of it a live simulation can show: the stamps of one are those of its own clock.
 
         Raises:
-            BadChangeError: readings come late, or by another clock, as an effect.
+            InputError: readings come late, or by another clock, as an effect.
 
         """
         on_stamps = [
@@ -174,7 +175,7 @@ class RigChange:
         """Return what of it an ankle of a robot can have.
 
         Raises:
-            BadChangeError: an effect changes a body, a contact, or how the ankle is drawn.
+            InputError: an effect changes a body, a contact, or how the ankle is drawn.
 
         """
         rig = nominal_rig(AnkleInputs("landing", (), _NO_COMMANDS))
@@ -193,7 +194,7 @@ class RigChange:
             timestep_s: Of the robot's model, s.
 
         Raises:
-            BadChangeError: an effect changes a body, a contact, or how the ankle is drawn.
+            InputError: an effect changes a body, a contact, or how the ankle is drawn.
 
         """
         laws = ankle.laws
@@ -223,14 +224,14 @@ class RigChange:
         """Return the change without some constants: `gap diagnose` writes all of them, wanted or not.
 
         Raises:
-            BadChangeError: one of these is an effect, which somebody wants to see.
+            InputError: one of these is an effect, which somebody wants to see.
 
         """
         constants = {constant.name for constant in machine_constants()}
         for effect in effects:
             if effect.name not in constants:
                 msg = f"effect '{effect.name}' {why}"
-                raise BadChangeError(msg)
+                raise InputError(msg)
         out = [key for effect in effects for key in self._alone(effect).values]
         values = {key: value for key, value in self.values.items() if key not in out}
         return RigChange(dataclasses.replace(self.correction, values=values), (*self.left_out, *out))
@@ -253,10 +254,10 @@ def load_change(file: Path) -> RigChange:
     """Read the file.
 
     Raises:
-        BadChangeError: it cannot be used.
+        InputError: it cannot be used.
 
     """
     try:
         return RigChange(load_correction(file))
     except BadEffectError as error:
-        raise BadChangeError(str(error)) from error
+        raise InputError(str(error)) from error

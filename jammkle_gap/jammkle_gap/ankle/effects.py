@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import yaml
 
 from jammkle_common import yaml_text
-from jammkle_common.yaml_text import YamlError
+from jammkle_common.command.errors import InputError
 from jammkle_gap.ankle.inputs import AnkleInputs
 from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library
 from jammkle_sim.rigs.rig import Rig
@@ -92,7 +92,7 @@ def read_yaml(file: Path, what: str) -> Any:
     """
     try:
         return yaml_text.read_yaml(file.read_text(encoding="utf-8"), f"{what} {file}")
-    except YamlError as error:
+    except InputError as error:
         raise BadEffectError(str(error)) from error
     except UnicodeDecodeError as error:
         msg = f"{what} {file} is not YAML: {error}"

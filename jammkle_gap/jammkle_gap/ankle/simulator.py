@@ -181,8 +181,8 @@ def truth_of(recording: Recording, rig: Rig) -> Truth:
     body_key = digest_of(
         _air_key(recording, rig),
         rig.tendon_laws.tobytes(),
-        _joint_key(rig),
-        model_key(recording, rig),
+        b"" if rig.joint_law is None else rig.joint_law.tobytes(),
+        _model_bytes(rig, nominal_rig(inputs)),
         motion_key(rig, inputs),
     )
 
@@ -202,10 +202,6 @@ def _moved(rig: Rig, inputs: AnkleInputs) -> Rig:
     return dataclasses.replace(rig, guide=_guides().get(key, lambda: moved_as_recorded(rig, inputs).guide))
 
 
-def _joint_key(rig: Rig) -> bytes:
-    return b"" if rig.joint_law is None else rig.joint_law.tobytes()
-
-
 def digest_of(*parts: Any) -> str:
     """Return a key of numbers, texts and bytes."""
     digest = hashlib.blake2b(digest_size=16)
@@ -213,11 +209,6 @@ def digest_of(*parts: Any) -> str:
         digest.update(part if isinstance(part, bytes) else repr(part).encode())
         digest.update(b"|")
     return digest.hexdigest()
-
-
-def model_key(recording: Recording, rig: Rig) -> bytes:
-    """Return what tells the bodies of a rig from those of others; nothing where they are as built."""
-    return _model_bytes(rig, nominal_rig(inputs_of(recording)))
 
 
 def steps_of(recording: Recording, rig: Rig) -> int:
@@ -280,6 +271,7 @@ def _air_key(recording: Recording, rig: Rig) -> str:
 
 
 def _model_bytes(rig: Rig, nominal: Rig) -> bytes:
+    """Return what tells the bodies of a rig from those of others; nothing where they are as built."""
     if rig.model is nominal.model:
         return b""
     buffer = np.zeros(mujoco.mj_sizeModel(rig.model), dtype=np.uint8)

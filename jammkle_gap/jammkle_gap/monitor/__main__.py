@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def main() -> int:
     """Run the gap monitor until SIGINT or SIGTERM and return the exit code."""
-    return run(_make_node, loop=lambda node, *given: node.drive(*given), shut_down=lambda node: node.shut_down())
+    return run(_make_node)
 
 
 def _make_node() -> GapMonitorNode:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
@@ -12,9 +11,9 @@ from std_msgs.msg import String
 
 from jammkle_common import names
 from jammkle_common.diagnostics import DiagnosticsPublisher
-from jammkle_common.messages import Health, Level
+from jammkle_common.messages import Health, Level, message_class
 from jammkle_common.parameters import declare
-from jammkle_common.qos import every_change_qos, every_sample_qos, patient_qos, publisher_qos, subscriber_qos
+from jammkle_common.qos import patient_qos, publisher_qos, subscriber_qos
 from jammkle_gap.ankle.bag import TAKERS
 from jammkle_gap.ankle.inputs import known_options
 from jammkle_gap.core.data import BadRecordingError
@@ -30,12 +29,8 @@ from jammkle_gap.monitor.twin import GapMonitor
 from jammkle_msgs.msg import ActuatorStates, SimulatorGap
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rclpy.executors import Executor
-    from rclpy.qos import QoSProfile
 
-    from jammkle_common.names import Topic
     from jammkle_common.runner import StopFlag
 
 HARDWARE_ID = "ankle"
@@ -82,14 +77,16 @@ class GapMonitorNode(Node):
         self._gap = self.create_publisher(SimulatorGap, names.SIMULATOR_GAP.name, publisher_qos(names.SIMULATOR_GAP))
         self._diagnostics = DiagnosticsPublisher(self, HARDWARE_ID, self._health)
         for topic in _COMMANDS:
-            self._listen(topic, partial(self._take_command, topic.name), every_change_qos())
+            command = partial(self._take_command, topic.name)
+            self.create_subscription(message_class(topic.message_type), topic.name, command, subscriber_qos(topic))
         for topic in _MEASUREMENTS:
-            self._listen(topic, partial(self._take_measurement, topic.name), patient_qos(topic))
+            measured = partial(self._take_measurement, topic.name)
+            self.create_subscription(message_class(topic.message_type), topic.name, measured, patient_qos(topic))
         self.create_subscription(
             ActuatorStates,
             names.ACTUATOR_STATES.name,
             self._take_acknowledgement,
-            every_sample_qos(names.ACTUATOR_STATES),  # one that is lost leaves the air wrong until the next vent
+            publisher_qos(names.ACTUATOR_STATES),  # reliable: one that is lost leaves the air wrong until the next vent
         )
         if not is_given:
             self.create_subscription(
@@ -142,11 +139,6 @@ class GapMonitorNode(Node):
             self._forward(topic, time_s, message)
         if self._acknowledged is not None:
             self._take_acknowledgement(self._acknowledged)
-
-    def _listen(self, topic: Topic, take: Callable[[Any], None], qos: QoSProfile) -> None:
-        package, folder, name = topic.message_type.split("/")
-        kind = getattr(import_module(f"{package}.{folder}"), name)
-        self.create_subscription(kind, topic.name, take, qos)
 
     def _take_command(self, topic: str, message: Any) -> None:
         # Messages come in the order in which they were sent. The time at which a callback is served is later by all

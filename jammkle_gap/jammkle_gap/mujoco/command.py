@@ -12,8 +12,8 @@ import typer
 
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
-from jammkle_common.yaml_text import YamlError, read_yaml
-from jammkle_gap.backend import backend, check_jobs
+from jammkle_common.yaml_text import read_yaml
+from jammkle_gap.backend import backend, check_jobs, in_stages
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError
 from jammkle_gap.core.result import as_dict
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _PAGE_NAME = "gap.html"
-_ALL_CORES = -1
 _MODEL = "model"
 _STAGES = {"screening": (0.0, 0.2), "signatures": (0.2, 0.4), "fitting": (0.4, 0.6), "fitting pairs": (0.6, 0.8)}
 """From which share of the work to which its long stages go. Measured on an arm with seven joints."""
@@ -67,20 +66,12 @@ def diagnose_robot(request: RobotRequest) -> int:
     model, joints = _model_of(request.model)
     results.make_folder(request.folder)
     stop = StopRequest()
-    furthest = 0.0
     try:
         with (
             _decisions_shown(),
             results.progress_bar("diagnosing") as update,
             backend(request.jobs, None) as jobs,
         ):
-
-            def on_progress(stage: str, share: float) -> None:
-                nonlocal furthest
-                begin, end = _STAGES.get(stage, (furthest, furthest))
-                furthest = max(furthest, begin + share * (end - begin))
-                update(furthest, stage)
-
             found = diagnose_mujoco(
                 model,
                 request.bags,
@@ -90,8 +81,8 @@ def diagnose_robot(request: RobotRequest) -> int:
                 only=request.only,
                 without=request.without,
                 folder=request.folder,
-                jobs=_ALL_CORES if jobs is None else jobs,
-                progress=on_progress,
+                jobs=jobs,
+                progress=in_stages(update, _STAGES),
                 stop=stop,
             )
     except (BadRobotError, BadRecordingError, BadEffectError) as error:
@@ -149,8 +140,6 @@ def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
     try:
         table = read_yaml(file.read_text(encoding="utf-8"), f"--model {file}")
         model = file.parent / str(table[_MODEL])
-    except YamlError as error:
-        raise InputError(str(error)) from error
     except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
         msg = (
             f"--model {file} cannot be used as a map: {' '.join(str(error).split())}; write 'model: robot.xml' into it"

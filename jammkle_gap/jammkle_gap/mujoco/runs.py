@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from jammkle_common.yaml_text import YamlError, read_yaml
+from jammkle_common.command.errors import InputError
+from jammkle_common.yaml_text import read_yaml
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
@@ -224,7 +225,7 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
     where = f"map {source}" if isinstance(source, Path) else "the map"
     try:
         table = read_yaml(source.read_text(encoding="utf-8"), where) if isinstance(source, Path) else source
-    except YamlError as error:
+    except InputError as error:
         msg = f"{error}; see docs/any_robot.md for its keys"
         raise BadRobotError(msg) from error
     except (OSError, UnicodeDecodeError) as error:

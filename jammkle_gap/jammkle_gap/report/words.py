@@ -355,9 +355,9 @@ def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     return f"{file} holds it; {use}."
 
 
-def first_answer(shares: Sequence[tuple[str, float]], most: int = 3) -> str:
+def first_answer(shares: Sequence[tuple[str, float]]) -> str:
     """Return the provisional answer: effects, and the share of the squared difference that each explains."""
-    shown = ", ".join(f"{label(name)} {percent(share)}" for name, share in shares[:most])
+    shown = ", ".join(f"{label(name)} {percent(share)}" for name, share in shares[:3])
     return f"first answer, before any fit: {shown} of the squared difference; refining"
 
 

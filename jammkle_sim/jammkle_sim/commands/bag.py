@@ -180,7 +180,7 @@ def messages(run: RigRun, namespace: str, robot_namespace: str = "") -> Iterator
 
 def _timed(series: Series, rank: int, topic: Topic, make: Callable[[int, dict[str, float]], Any]) -> Iterator[Timed]:
     for time_s, values in zip(series.time_s.tolist(), series.values.tolist(), strict=True):
-        time_ns = _nanoseconds(time_s)
+        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         row = dict(zip(series.columns, values, strict=True))
         yield time_ns, rank, topic, functools.partial(make, time_ns, row)
 
@@ -199,7 +199,7 @@ def _diagnostics(run: RigRun, namespace: str, rank: int) -> Iterator[Timed]:
     name = f"{namespace.rstrip('/')}/{SIM_NODE}"
     for time_s in sorted({*regular_s, *torn_s.values()}):
         broken = [tendon for tendon, since_s in torn_s.items() if since_s <= time_s]
-        time_ns = _nanoseconds(time_s)
+        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
         health = [_tendon_health(broken)]
         make = functools.partial(diagnostic_array, time_message(time_ns), name, _HARDWARE_ID, health)
         yield time_ns, rank, DIAGNOSTICS, make
@@ -262,7 +262,3 @@ def _tendons(row: dict[str, float], tendons: tuple[str, ...]) -> tuple[TendonSam
         )
         for name in tendons
     )
-
-
-def _nanoseconds(time_s: float) -> int:
-    return round(time_s * NANOSECONDS_PER_SECOND)

@@ -23,7 +23,7 @@ from jammkle_sim.commands.bag import write_bags
 from jammkle_sim.commands.table import Option, command_of, epilog_of, errors_of_a_run, figures_table
 from jammkle_sim.conversions import NotFiniteError
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig, save_mjcf, scattered
-from jammkle_sim.rigs.rig import BadChangeError, load_change
+from jammkle_sim.rigs.rig import load_change
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -182,7 +182,7 @@ def _change(effects: Path | None) -> Callable[[Rig], Rig]:
         return as_it_is
     try:
         return load_change(effects)
-    except BadChangeError as error:
+    except InputError as error:
         msg = f"--effects {effects}: {error}"
         raise InputError(msg) from error
 

@@ -116,7 +116,8 @@ def command_of(
 
 
 def _flag(row: ParameterRow) -> Option:
-    return Annotated[type(row.default), typer.Option(help=_help(row))], row.default
+    text = f"{row.description}. {row.range_text or row.unit}".rstrip(". ") + "."
+    return Annotated[type(row.default), typer.Option(help=text)], row.default
 
 
 def _no_flag(row: ParameterRow) -> Option:
@@ -313,10 +314,6 @@ def checked(table: type[P], values: dict[str, Any]) -> P:
         raise InputError(as_typed(error)) from error
 
 
-def _help(row: ParameterRow) -> str:
-    return f"{row.description}. {row.range_text or row.unit}".rstrip(". ") + "."
-
-
 @contextlib.contextmanager
 def errors_of_a_run() -> Iterator[None]:
     """Raise what goes wrong in a run as errors of the command.
@@ -327,7 +324,6 @@ def errors_of_a_run() -> Iterator[None]:
         GraphError: the simulation blew up.
 
     """
-    from jammkle_sim.rigs.rig import BadChangeError
     from jammkle_sim.rigs.run import RigCancelledError
     from jammkle_sim.rigs.simulation import UnstableSimulationError
 
@@ -335,8 +331,6 @@ def errors_of_a_run() -> Iterator[None]:
         yield
     except ParameterError as error:
         raise InputError(as_typed(error)) from error
-    except BadChangeError as error:
-        raise InputError(str(error)) from error
     except RigCancelledError as error:
         raise Interrupted from error
     except UnstableSimulationError as error:

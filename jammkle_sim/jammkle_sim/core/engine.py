@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.parameters import ParameterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -46,7 +47,7 @@ class Engine:
             start_paused: Whether time stands until somebody resumes it.
 
         Raises:
-            RateError: the time step is not a whole number of nanoseconds.
+            ParameterError: the time step is not a whole number of nanoseconds.
 
         """
         self._simulation = simulation
@@ -384,21 +385,17 @@ STATES = (Output.JOINT_STATES, Output.TENDON_STATES)
 """Outputs that are states and not readings: looking at them once more, between two due times, disturbs nothing."""
 
 
-class RateError(ValueError):
-    """A rate that the time step does not divide. The message is one line with the rates that would do."""
-
-
 def timestep_ns(timestep_s: float) -> int:
     """Return the time step in whole nanoseconds, so that every stamp is exact.
 
     Raises:
-        RateError: it is not a whole number of nanoseconds.
+        ParameterError: it is not a whole number of nanoseconds.
 
     """
     nanoseconds = timestep_s * NANOSECONDS_PER_SECOND
     if round(nanoseconds) < 1 or abs(nanoseconds - round(nanoseconds)) > _RATE_TOLERANCE * nanoseconds:
         msg = f"timestep_s is {timestep_s!r}; it must be a whole number of nanoseconds, as 0.0005 is"
-        raise RateError(msg)
+        raise ParameterError(msg)
     return round(nanoseconds)
 
 
@@ -406,7 +403,7 @@ def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
     """Whole number of steps between two outputs; no rate above the highest is named as a way out.
 
     Raises:
-        RateError: the rate is not the step rate divided by a whole number.
+        ParameterError: the rate is not the step rate divided by a whole number.
 
     """
     steps_per_second = 1.0 / timestep_s
@@ -424,7 +421,7 @@ def steps_per_output(rate_hz: int, timestep_s: float, max_rate_hz: int) -> int:
             f"an output rate of {rate_hz} Hz does not fit timestep_s of {timestep_s:g} s; "
             f"the rate must divide {steps_per_second:g} Hz, {way_out}"
         )
-        raise RateError(msg)
+        raise ParameterError(msg)
     return round(steps)
 
 

@@ -30,11 +30,6 @@ class Fibre(enum.Enum):
     """Stiff all along."""
 
 
-def bundle_area_m2(count: int, diameter_m: float) -> float:
-    """Cross-section of `count` round fibres, m^2."""
-    return count * math.pi * diameter_m**2 / 4.0
-
-
 @dataclass(frozen=True)
 class Fibres:
     """The bundle's elasticity."""
@@ -53,7 +48,7 @@ class Fibres:
     stiff_length_m: float = 0.050
     """Free length of the stiff section between the end plates, m. Paper, read: its fibre is 80 mm and its sections 30
     and 55 mm, so 5 mm of the stiff one are taken to sit in the end plate."""
-    area_m2: float = bundle_area_m2(FIBRE_COUNT, FIBRE_DIAMETER_M)
+    area_m2: float = FIBRE_COUNT * math.pi * FIBRE_DIAMETER_M**2 / 4.0
     """Cross-section of 18 fibres of 2 mm, m^2. Paper."""
 
 

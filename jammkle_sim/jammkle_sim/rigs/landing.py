@@ -42,7 +42,7 @@ class LandingOptions:
     slope_deg: float = slope_option()
     friction: float = slope_friction_option()
     drop_height_m: float = drop_height_option("slope")
-    release_time_s: float = release_time_option("each start", 3600.0)
+    release_time_s: float = release_time_option("each start")
     mass_kg: float = mass_option(flag=False)
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
@@ -94,7 +94,7 @@ _REACTION_S = 0.02
 class LandingRunOptions(LandingOptions):
     """What can be chosen about a landing that is run by itself."""
 
-    release_time_s: float = release_time_option("the start", 3600.0)
+    release_time_s: float = release_time_option("the start")
     timestep_s: float = run_timestep_option()
     jam: str = parameter(
         "after",

@@ -72,15 +72,9 @@ def drop_height_option(ground: str, *, dynamic: bool = False) -> Any:
     return parameter(0.05, description, "m", 0.0, 0.5, dynamic=dynamic)
 
 
-def release_time_option(start: str, longest_s: float) -> Any:
-    """Make the field `release_time_s`.
-
-    Args:
-        start: What it counts from.
-        longest_s: Upper end of its range, s.
-
-    """
-    return parameter(1.0, f"Time after {start} at which the carriage is released", "s", 0.0, longest_s, flag=False)
+def release_time_option(start: str) -> Any:
+    """Make the field `release_time_s`; `start` is what it counts from."""
+    return parameter(1.0, f"Time after {start} at which the carriage is released", "s", 0.0, 3600.0, flag=False)
 
 
 def mass_option(*, flag: bool = True) -> Any:

@@ -386,10 +386,6 @@ def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
     return state
 
 
-class BadChangeError(ValueError):
-    """A file of changes cannot be used; the message names it and says what would be right."""
-
-
 class Change(Protocol):
     """What is done to a rig, or to an ankle of a robot."""
 
@@ -401,7 +397,7 @@ class Change(Protocol):
         """Return a changed rig.
 
         Raises:
-            BadChangeError: this rig has not what is changed.
+            InputError: this rig has not what is changed.
 
         """
 
@@ -413,7 +409,7 @@ class Change(Protocol):
         """Return what of it a live simulation can show: constants that only a recording shows are left out.
 
         Raises:
-            BadChangeError: an effect in it shows in a recording only.
+            InputError: an effect in it shows in a recording only.
 
         """
 
@@ -421,7 +417,7 @@ class Change(Protocol):
         """Return what of it an ankle of a robot can have: constants of bodies and of the ground are left out.
 
         Raises:
-            BadChangeError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
+            InputError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
 
         """
 
@@ -433,7 +429,7 @@ class Change(Protocol):
             timestep_s: Of the robot's model, s.
 
         Raises:
-            BadChangeError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
+            InputError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
 
         """
 
@@ -442,7 +438,7 @@ def load_change(file: Path) -> Change:
     """Return what the effects of a file do to a rig; read by the package that knows the effects.
 
     Raises:
-        BadChangeError: the file cannot be used.
+        InputError: the file cannot be used.
         InputError: nobody is installed who could read it.
 
     """

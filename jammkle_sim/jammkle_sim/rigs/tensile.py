@@ -98,7 +98,7 @@ def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
         Event(round(turn / options.timestep_s), lambda data: set_speed(data, -options.speed_m_s)),
         Event(round(stop / options.timestep_s), lambda data: set_speed(data, 0.0)),
     )
-    tendon_name = tendon_on(options.channel)
+    tendon_name = names.TENDONS_OF_CHANNEL[options.channel][0]  # of the Achilles pair, the left one
     spec = _spec(options, sensors, tendon_name)
     rig = Rig(
         name="tensile",
@@ -121,11 +121,6 @@ def tensile_rig(options: TensileOptions) -> tuple[Rig, Programme]:
         topics=(names.JOINT_STATES.name, names.TENDON_STATES.name, names.LOAD_CELL.name),
     )
     return rig, programme
-
-
-def tendon_on(channel: str) -> str:
-    """Return the tendon that is pulled if it hangs on a channel; of the Achilles pair, the left one."""
-    return names.TENDONS_OF_CHANNEL[channel][0]
 
 
 def _spec(options: TensileOptions, sensors: SensorParameters, tendon_name: str) -> Any:

@@ -227,7 +227,7 @@ class Robot:
         """Return every ankle, as the model has it.
 
         Raises:
-            BadChangeError: an ankle cannot be changed as asked for.
+            InputError: an ankle cannot be changed as asked for.
 
         """
         step_s = float(self.model.opt.timestep)

@@ -104,7 +104,8 @@ class _Body:
             _fix(self._tree, parent, self._link, place_m, turn)
         for index, joint in enumerate(joints):
             name = self._names.joint(model.joint(joint).name)
-            child = self._link if index == between else f"{self._link}_{_axis_word(name)}"
+            axis = name.rpartition("_")[2]  # `pitch` of `lf_ankle_pitch`
+            child = self._link if index == between else f"{self._link}_{axis}"
             if index < between:
                 self._add_inertia(ET.SubElement(self._tree, "link", name=child), BETWEEN_SHARE)
             self._add_joint(joint, name, parent, child, place_m, turn)
@@ -181,11 +182,6 @@ def _fix(tree: ET.Element, parent: str, child: str, place_m: Any, turn: Any) -> 
     origin(joint, place_m, turn)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-
-
-def _axis_word(joint: str) -> str:
-    """Return what tells one joint of a body from its others: `pitch` of `lf_ankle_pitch`."""
-    return joint.rpartition("_")[2]
 
 
 def _largest_effort(model: Any, joint: int) -> float:

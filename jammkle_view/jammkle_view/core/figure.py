@@ -58,9 +58,9 @@ def tendon_tint(state: ChannelState, tension_n: float, *, broken: bool) -> Rgb:
     return red, green, blue
 
 
-def css(tint: Rgb, opacity: float = 1.0) -> str:
+def css(tint: Rgb) -> str:
     """Return a colour as style sheets write it."""
-    return f"rgba({tint[0]}, {tint[1]}, {tint[2]}, {opacity:g})"
+    return f"rgba({tint[0]}, {tint[1]}, {tint[2]}, 1)"
 
 
 WORLD = ""
