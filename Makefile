@@ -46,10 +46,10 @@ demo: set-up
 	@$(BIN)/jammkle demo
 
 test: extras
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder  # a file shares fixtures
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder  # graphs wait; a file shares fixtures
 
 slow: extras
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 -m slow --deselect test/test_several_boards.py
+	@$(BIN)/python -m pytest -n 3 -m slow --deselect test/test_several_boards.py
 	@$(BIN)/python -m pytest -m slow test/test_several_boards.py  # boards live by the steady clock
 
 studies: extras .venv/other_robots

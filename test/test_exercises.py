@@ -173,18 +173,8 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
         assert any("left out: hip, knee; they are diagnosed" in note for note in recording.notes)
         if name == "shake":
             assert worst_limb_gap(bag) < 1.0
-        again = [
-            sys.executable,
-            "-m",
-            "jammkle_common.command",
-            "rig",
-            name,
-            "--params",
-            str(bag),
-            "-o",
-            str(tmp_path / f"{name}_again"),
-        ]
-        subprocess.run(again, check=True, capture_output=True)
+            again = ["rig", name, "--params", str(bag), "-o", str(tmp_path / "again")]
+            subprocess.run([sys.executable, "-m", "jammkle_common.command", *again], check=True, capture_output=True)
     for name in ("cycle", "tilt"):
         (tmp_path / "bags" / name).mkdir()
         (tmp_path / "bags" / name / "metadata.yaml").touch()
