@@ -39,6 +39,10 @@ class Processes:
         os.kill(self.running[name].pid, number)
         return time.monotonic()
 
+    def said(self, name: str) -> str:
+        """Return what a node has written to its terminal."""
+        return (self._folder / f"{name}.txt").read_text()
+
     def end(self) -> None:
         """Kill what still runs, and print what all have said."""
         for process in self.running.values():

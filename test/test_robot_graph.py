@@ -156,6 +156,7 @@ def test_an_ankle_and_the_simulation_above_it_miss_each_other(
     assert f"{lost} is dead" not in probe.line(f"/{kept}: nodes").message
     processes.send("sim", signal.SIGKILL)
     probe.spin_until(lambda: "/clock has not ticked" in probe.line(f"/{kept}: nodes").message, "the clock is missed")
+    assert processes.said(QUADRUPED_ANKLES[1]).count("/clock has not ticked") == 1
 
 
 def test_a_leg_that_walks_tells_its_gait_and_is_jammed_ahead(

@@ -206,6 +206,7 @@ class Liveness:
         self._of_this_ankle = f"{self._robot_sim}: {ankle} "
         self._marks = [mark.encode() for mark in (self._prefix, self._robot_sim) if mark]
         self._last_s: dict[str, float] = {}
+        self._clock_missed = False
         self._looked_s = self._now_s()
         node.create_subscription(
             DiagnosticArray, DIAGNOSTICS.name, self._take_bytes, subscriber_qos(DIAGNOSTICS), raw=True
@@ -218,7 +219,11 @@ class Liveness:
         if silent_s > CLOCK_MISSED_AFTER_S:
             text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
             text += f"{MEANING[SIM_NODE]}"
+            if self._node is not None and self._node.knows_time and not self._clock_missed:
+                self._node.get_logger().error(text)  # its maker may be of another command, whose terminal says it
+                self._clock_missed = True
             return Health(about, Level.ERROR, text)
+        self._clock_missed = False
         alive = self.alive()
         silent = {name: now_s - last_s for name, last_s in sorted(self._last_s.items())}
         missed = [name for name in silent if name not in alive]
