@@ -33,7 +33,8 @@ def record(file, seed):
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1])
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "pan_tilt")
+    folder.mkdir(parents=True, exist_ok=True)
     files = [record(folder / f"run_{seed}.csv", seed) for seed in range(2)]
     found = diagnose_mujoco(MODEL, files, folder=folder)
     print(found.diagnosis.verdict.value, *(each.sentence for each in found.diagnosis.effects), sep="\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
@@ -75,6 +76,12 @@ def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None
     assert np.allclose(run.measured["elbow", Quantity.POSITION].values, recorded["elbow.position"])
     assert np.allclose(run.commands["elbow", Quantity.POSITION].at(recorded["time_s"][:-1] + 1e-3),
                        recorded["command.elbow.position"][:-1])  # fmt: skip
+    marked = tmp_path / "excel.csv"
+    marked.write_bytes(b"\xef\xbb\xbf" + (tmp_path / "run.csv").read_bytes())
+    assert run_of_csv(marked).measured.keys() == run.measured.keys()
+    marked.write_text("t,elbow.position\n0.0,1.0\n")
+    with pytest.raises(BadRecordingError, match=r"no column time_s among t, elbow\.position"):
+        run_of_csv(marked)
 
 
 def test_map_turns_names_signs_zeros_and_units(tmp_path: Path, recorded: robot_arm.Samples) -> None:
@@ -182,6 +189,7 @@ def test_map_that_says_what_cannot_be_is_refused(tmp_path: Path, recorded: robot
     for given, said in (
         ({"joints": {"elbwo": {"sign": -1}}}, "joint elbwo, which no recording has; they have: yaw, shoulder, elbow"),
         ({"joints": {"elbow": "lock"}}, "takes joint elbow for lock, which the model has not; write one of"),
+        ({"joints": {"yaw": "elbow", "elbow": "elbow"}}, "joints yaw and elbow are both 'elbow' of the model"),
         ({"gains": {"elbow": {"kp": -3}}}, "kp -3 and kd 0 must be at least 0"),
         ({"gains": {"elbow": 100}}, "are '100'; write {kp: ..., kd: ...}"),
         ({"base": "hold"}, "base 'hold' must be one of held, free, measured"),
@@ -506,6 +514,18 @@ def test_urdf_gets_the_controller_of_the_map(tmp_path: Path) -> None:
     (compared,), _ = recordings_of(robot, runs, 2.0, 20.0)
     made = RobotSimulator(robot, {})(compared, {})["elbow/position"]
     assert 0.01 < float(np.abs(made - compared.signal("elbow/position").values).max()) < 0.2
+
+
+def test_numbers_without_names_are_the_joints_of_a_urdf(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """In its order, as it has no actuators."""
+    link = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link += '</inertial></link><joint name="{0}" type="continuous"><parent link="{1}"/><child link="{0}"/></joint>'
+    links = [link.format(name, before) for before, name in pairwise(("base", *robot_arm.JOINTS))]
+    file = tmp_path / "arm.urdf"
+    file.write_text(f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>')
+    bag = robot_arm.write_bag(tmp_path / "bag", recorded, "array")
+    (run,), _ = matched(file, [bag], {"gains": {joint: {"kp": 60, "kd": 2} for joint in robot_arm.JOINTS}})
+    assert {joint for joint, _ in run.commands} == set(robot_arm.JOINTS)
 
 
 def sensed(folder: Path, samples: robot_arm.Samples) -> dict[str, np.ndarray]:

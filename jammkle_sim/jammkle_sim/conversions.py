@@ -218,7 +218,10 @@ def joint_course(message: JointTrajectory, run_began_s: float, now_s: float) -> 
         return None
     time_s = [_seconds(each.time_from_start) for each in message.points]
     for place, (point, at_s) in enumerate(zip(message.points, time_s, strict=True)):
-        if len(point.positions) != len(message.joint_names) or not all(map(math.isfinite, point.positions)):
+        if not all(map(math.isfinite, point.positions)):
+            msg = f"point {place} of joint_trajectory is at {list(point.positions)}; positions must be finite, in rad"
+            raise BadCommandError(msg)
+        if len(point.positions) != len(message.joint_names):
             msg = f"point {place} of joint_trajectory has {len(point.positions)} positions"
             msg += f"; it must have {len(message.joint_names)}, one number for each joint"
             raise BadCommandError(msg)

@@ -18,6 +18,7 @@ from std_msgs.msg import Float32, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_common import names
+from jammkle_common.parameters import ParameterError
 from jammkle_msgs.msg import TendonState
 from jammkle_sim.conversions import (
     BadCommandError,
@@ -175,6 +176,25 @@ def test_a_trajectory_of_another_clock_is_refused(stamp_s: int) -> None:
     """One that is over, or begins in fifty years, says how far off it is and how to stamp it."""
     with pytest.raises(BadCommandError, match=r"begins .* s from now, .* stamp it by /clock, or with zero"):
         joint_course(trajectory(stamp_s), run_began_s=0.0, now_s=10.0)
+
+
+@pytest.mark.parametrize(
+    ("joints", "positions", "said"),
+    [
+        (["hip"], [float("nan")], r"point 0 of joint_trajectory is at \[nan\]; positions must be finite"),
+        (["hip"], [0.1, 0.2], "has 2 positions; it must have 1"),
+        (["hip"], [100.0], r"joint 'hip' shall go from 100 to 100 rad; it must stay within"),
+        (["hip", "hip"], [0.1, 0.2], "joint 'hip' is named twice"),
+        (["ankle/achilles_left"], [5.0], "joint 'ankle/achilles_left' has no servo; this robot's are: hip, knee$"),
+    ],
+)
+def test_a_trajectory_that_cannot_be_followed_is_refused(joints: list[str], positions: list[float], said: str) -> None:
+    """Angles that are none, or in degrees; a joint twice; a tendon, which is no joint."""
+    leg = robot("leg", RobotOptions(behaviour="hang"))
+    point = JointTrajectoryPoint(positions=positions, time_from_start=Duration(sec=1))
+    asked = JointTrajectory(joint_names=joints, points=[point])
+    with pytest.raises((BadCommandError, ParameterError), match=said):
+        FollowingControl(leg.model, leg.control).follow(joint_course(asked, run_began_s=0.0, now_s=0.0))
 
 
 def test_sim_parameters_are_yaml_that_reads_back() -> None:

@@ -47,6 +47,15 @@ def test_a_body_that_slips_has_its_sliding_in_the_bag(tmp_path: Path) -> None:
     assert found["ankles"]["ankle"]["results"]["sliding_distance_m"] == truths[-1].sliding_distance_m
 
 
+def test_a_blow_that_the_imu_cannot_read_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As a rig does it, for the figure of the IMU is too small then; a low fall says nothing."""
+    for height_mm, clipped in (("300", ["the IMU at 80.83 m/s^2 with gravity"]), ("20", [])):
+        words = f"robot leg --behaviour drop --drop-height-mm {height_mm} --duration-s 2 -o {tmp_path / height_mm}"
+        assert main([*words.split(), "--json", str(tmp_path / "drop.json")]) == 0
+        assert json.loads((tmp_path / "drop.json").read_text())["ankles"]["ankle"]["clipped"] == clipped
+        assert ("clipped at ankle" in capsys.readouterr().out) == bool(clipped)
+
+
 def test_the_model_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     """MuJoCo loads it, with the joints of joint_states; two descriptions at a time are refused."""
     assert main(["robot", "leg", "--behaviour", "hang", "--mjcf"]) == 0

@@ -116,8 +116,11 @@ def recover(bag: Path, on_progress: Callable[[float], None], target: Path | None
         raise InputError(msg) from error
     try:
         return _made_whole(dataclasses.replace(contents_of(copied), counted=contents.counted), on_progress)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(copied, ignore_errors=True)
+        if isinstance(error, InputError):
+            msg = f"bag {bag} cannot be recovered into {target}: {str(error).replace(str(copied), str(bag))}"
+            raise InputError(msg) from error
         raise
 
 
@@ -268,6 +271,7 @@ def _compression(names: Sequence[str], files: Sequence[BagFile]) -> str:
 
 HEAD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQ")  # channel, sequence, log time; publish time and data follow
+_CHUNK = struct.Struct("<QQQIIQ")  # first and last log time, size, checksum, length of no compression's name, size
 _KNOWN = {int(each) for each in Opcode}
 
 
@@ -292,6 +296,8 @@ class DataSection:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[WrittenChunk] = field(default_factory=list)
     """In the order of the file."""
+    torn_chunk: bytes = b""
+    """What the last chunk begins with so that it holds its whole records alone; empty: it is not torn."""
 
     def counts(self) -> Counter[int]:
         """Return the messages of each channel."""
@@ -341,7 +347,43 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
             break
         section.end = start + HEAD.size + len(body)
         on_progress(section.end / section.size)
+    else:
+        stream.seek(section.end)
+        _take_torn_chunk(section, stream.read())
     return section
+
+
+def _take_torn_chunk(section: DataSection, torn: bytes) -> None:
+    """Take the whole messages of a chunk that was torn off.
+
+    Raises:
+        InputError: it is compressed, and no other chunk holds a message.
+
+    """
+    if len(torn) <= HEAD.size + _CHUNK.size or torn[0] != Opcode.CHUNK:
+        return
+    if _CHUNK.unpack_from(torn, HEAD.size)[4]:
+        if not section.counts():
+            msg = f"its only chunk is compressed, and torn off after {len(torn)} bytes"
+            raise InputError(msg)
+        return
+    data = torn[HEAD.size + _CHUNK.size :]
+    times_ns, size = list[int](), 0
+    while size + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, size)
+        if opcode not in _KNOWN or size + HEAD.size + length > len(data):
+            break
+        if opcode == Opcode.MESSAGE:
+            times_ns.append(MESSAGE.unpack_from(data, size + HEAD.size)[2])
+        size += HEAD.size + length
+    if not times_ns:
+        return
+    fields = _CHUNK.pack(min(times_ns), max(times_ns), size, 0, 0, size)
+    section.torn_chunk = HEAD.pack(Opcode.CHUNK, len(fields) + size) + fields
+    length = len(section.torn_chunk) + size
+    chunk = Chunk("", data[:size], max(times_ns), min(times_ns), 0, size)
+    section.chunks.append(_chunk(section, chunk, section.end, length))
+    section.end += length
 
 
 def _records(stream: BinaryIO, section: DataSection) -> Iterator[tuple[int, bytes]]:
@@ -428,6 +470,9 @@ def complete(stream: BinaryIO, section: DataSection) -> int:
 
     """
     given_up = 0
+    if section.torn_chunk:
+        stream.seek(section.chunks[-1].index.chunk_start_offset)
+        _write(stream, section.torn_chunk)
     while True:
         stream.truncate(section.end)
         stream.seek(section.end)

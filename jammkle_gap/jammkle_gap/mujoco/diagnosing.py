@@ -29,6 +29,7 @@ from jammkle_gap.mujoco.runs import BadRobotError, Run, in_model_terms, read_map
 from jammkle_gap.mujoco.screening import BIN_S, left_by, promising, refitted
 from jammkle_gap.mujoco.simulator import RobotSimulator, run, scale_of
 from jammkle_gap.mujoco.windows import lifted, recordings_of, repeats_of
+from jammkle_sim.physics.engine import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.library import RobotLibrary
     from jammkle_gap.mujoco.robot import Robot
     from jammkle_gap.mujoco.runs import RobotMap
-    from jammkle_sim.physics.engine import mujoco
 
 _LOG = logging.getLogger(__name__)
 WINDOW_S = 2.0
@@ -331,6 +331,9 @@ def matched(
         raise BadRecordingError(msg)
     _, nominal = load(model)
     order = [joint for k in range(nominal.nu) if (joint := joint_of(nominal, k))]
+    if not nominal.nu:  # a URDF has no actuators: its joints are what is commanded
+        moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        order = [nominal.joint(k).name for k in range(nominal.njnt) if int(nominal.jnt_type[k]) in moving]
     runs = []
     for bag in bags:
         if isinstance(bag, Run):

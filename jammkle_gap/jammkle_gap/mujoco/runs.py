@@ -243,6 +243,7 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
             fixed[given].append(name)
         else:
             joints[name] = _joint_of(name, given, f"{where}, joint {name}")
+    _check_once(joints, where)
     commands = _part(table, "commands", where)
     _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
     tolerances = _numbers(table, "tolerances", where)
@@ -283,6 +284,16 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         sensors={name: _sensor_of(each, f"{where}, sensor {name}") for name, each in sensors.items()},
         senses=senses,
     )
+
+
+def _check_once(joints: Mapping[str, JointMap], where: str) -> None:
+    by_joint: dict[str, str] = {}
+    for name, each in joints.items():
+        if each.model in by_joint:
+            msg = f"{where}: joints {by_joint[each.model]} and {name} are both '{each.model}' of the model"
+            msg += "; each of the model's joints is measured once"
+            raise BadRobotError(msg)
+        by_joint[each.model] = name
 
 
 def _part(table: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
@@ -460,7 +471,7 @@ def run_of_csv(path: Path) -> Run:
 
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # with a byte order mark, as Excel writes it
             rows = list(csv.reader(file))
         if len(rows) <= 1:
             msg = f"{path} holds no samples"
@@ -468,8 +479,11 @@ def run_of_csv(path: Path) -> Run:
         names = [each.strip() for each in rows[0]]
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:] if row])
         columns = dict(zip(names, table.T, strict=True))
+        if _TIME not in columns:
+            msg = f"no column {_TIME} among {', '.join(names)}"
+            raise ValueError(msg)  # noqa: TRY301 - said as the others are
         times = columns.pop(_TIME)
-    except (OSError, UnicodeDecodeError, ValueError, IndexError, KeyError) as error:
+    except (OSError, UnicodeDecodeError, ValueError, IndexError) as error:
         msg = f"{path} cannot be read as CSV ({' '.join(str(error).split())})"
         msg += f"; it must have a row of names ({_TIME}, JOINT.position, {_COMMAND}JOINT.position) and rows of numbers"
         raise BadRecordingError(msg) from error

@@ -61,7 +61,10 @@ def robot(given: dict[str, Any], options: RobotRunOptions) -> int:
             raise GraphError(msg) from error
     _show(name, runs)
     results.console().print(f"{counts.messages} messages are in {bag}", markup=False)
-    ankles = {ankle: {"results": run.results, "broken": list(run.broken)} for ankle, run in runs.items()}
+    ankles = {
+        ankle: {"results": run.results, "broken": list(run.broken), "clipped": list(run.clipped)}
+        for ankle, run in runs.items()
+    }
     content = {"robot": name, "bag": str(bag), "options": dataclasses.asdict(options), "ankles": ankles}
     results.write_json(given["json"], content)
     return 0
@@ -95,6 +98,8 @@ def _show(name: str, runs: dict[str, RigRun]) -> None:
     console = results.console()
     console.print(figures_table(f"Robot {name}", {ankle: run.results for ankle, run in runs.items()}))
     for ankle, run in runs.items():
+        if run.clipped:
+            console.print(f"clipped at {ankle}: {', '.join(run.clipped)}; figures taken from it are too small")
         if run.broken:
             console.print(f"broken at {ankle}: {', '.join(run.broken)} tore; without force from there on")
 

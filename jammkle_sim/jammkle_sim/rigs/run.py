@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from jammkle_common.parameters import ParameterClass
     from jammkle_sim.physics.ankle import AnkleParameters
+    from jammkle_sim.physics.sensors import SensorParameters
     from jammkle_sim.rigs.rig import Rig
     from jammkle_sim.rigs.vacuum import VacuumStep
 
@@ -31,8 +32,9 @@ _LOOKS_PER_S = 10
 """How often progress is reported and it is asked whether to go on, per simulated second."""
 _ACCELERATIONS = 3
 """Columns of the IMU that are accelerations; angular rates come after them."""
-_IMU_NOISE_M_S2 = 0.05
-"""How far below its range a clipped IMU still reads: four standard deviations of its filtered noise."""
+_CLIPPED_SHARE = 0.99
+"""Of its range, from which on an IMU was clipped: its filter does not reach the end of it in a short blow. Chosen: four
+standard deviations of its filtered noise are 0.0006 of it, and a blow that clips for some 3 ms reads 0.9992 of it."""
 _ROUNDING_S = 1e-12
 """What a sum of time steps may differ by, s."""
 
@@ -178,7 +180,7 @@ def run(
         description=rig.description(),
         results=programme.evaluate({**topics, **watched}),
         broken=tuple(tendon.name for tendon in simulation.ankle.tendons() if tendon.broken),
-        clipped=_clipped(rig, topics),
+        clipped=_clipped(rig.sensors, topics),
     )
 
 
@@ -228,9 +230,9 @@ class _Limits:
         return self._simulation.joint_position(names.CARRIAGE_JOINT)
 
 
-def _clipped(rig: Rig, topics: Mapping[str, Series]) -> tuple[str, ...]:
+def _clipped(sensors: SensorParameters, topics: Mapping[str, Series]) -> tuple[str, ...]:
     """Say which sensors were at the end of their range; the IMU's filter adds its noise to it."""
-    sensors, found = rig.sensors, []
+    found = []
     cell, imu = topics.get(names.LOAD_CELL.name), topics.get(names.IMU.name)
     if cell is not None:
         for column, largest_n in zip(cell.columns, np.abs(cell.values).max(axis=0).tolist(), strict=True):
@@ -238,7 +240,7 @@ def _clipped(rig: Rig, topics: Mapping[str, Series]) -> tuple[str, ...]:
                 found.append(f"{column} of the load cell at {sensors.load_cell_limit_n:g} N")
     if imu is not None:
         limit_m_s2 = sensors.acceleration_limit_m_s2
-        if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= limit_m_s2 - _IMU_NOISE_M_S2:
+        if np.abs(imu.values[:, :_ACCELERATIONS]).max() >= _CLIPPED_SHARE * limit_m_s2:
             found.append(f"the IMU at {limit_m_s2:.2f} m/s^2 with gravity")
     return tuple(found)
 
@@ -286,11 +288,12 @@ def run_robot(
                 msg = f"robot '{machine.name}' was cancelled after {simulation.elapsed_s:g} s of {duration_s:g} s"
                 raise RigCancelledError(msg)
     description, runs = machine.description(), {}
+    sensors = {ankle.name: ankle.sensors for ankle in machine.in_model()}
     for name, ankle in simulation.ankles.items():
         topics = recorder.topics(name, ROBOT_TOPICS)
         broken = tuple(tendon.name for tendon in ankle.tendons() if tendon.broken)
-        figures = _robot_figures(topics)
-        runs[name] = RigRun(machine.name, machine.options, topics, description, figures, broken, (), urdf)
+        figures, clipped = _robot_figures(topics), _clipped(sensors[name], topics)
+        runs[name] = RigRun(machine.name, machine.options, topics, description, figures, broken, clipped, urdf)
     return runs
 
 

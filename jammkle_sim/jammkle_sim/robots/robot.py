@@ -155,16 +155,29 @@ class FollowingControl:
         A course that is still followed when a run starts anew begins with it.
 
         Raises:
-            ParameterError: the robot has no such servo.
+            ParameterError: the robot has no such servo, one is named twice, or an angle is beyond its joint's range.
 
         """
-        known = [self._model.actuator(i).name for i in range(self._model.nu)]
+        known = {
+            self._model.actuator(i).name: i
+            for i in range(self._model.nu)
+            if self._model.actuator(i).trntype[0] == mujoco.mjtTrn.mjTRN_JOINT
+        }
         joints = () if course is None else course.joints
-        for joint in joints:
-            if joint not in known:
-                msg = f"joint '{joint}' has no servo; this robot's are: {', '.join(known)}"
+        for place, joint in enumerate(joints):
+            if joint not in known or joint in joints[:place]:
+                problem = "is named twice" if joint in known else "has no servo"
+                msg = f"joint '{joint}' {problem}; this robot's are: {', '.join(known)}"
                 raise ParameterError(msg)
-        self._servos = [known.index(joint) for joint in joints]
+        for joint, angles_rad in () if course is None else zip(joints, course.angles_rad.T, strict=True):
+            number = int(self._model.actuator(joint).trnid[0])
+            low_rad, high_rad = self._model.jnt_range[number].tolist()
+            if self._model.jnt_limited[number] and not low_rad <= angles_rad.min() <= angles_rad.max() <= high_rad:
+                least, most = float(angles_rad.min()), float(angles_rad.max())
+                msg = f"joint '{joint}' shall go from {least:.4g} to {most:.4g} rad"
+                msg += f"; it must stay within {low_rad:.4g} to {high_rad:.4g}"
+                raise ParameterError(msg)
+        self._servos = [known[joint] for joint in joints]
         self._course, self._begun_s = course, None
 
     def command(self, time_s: float, data: Any) -> None:
