@@ -138,7 +138,8 @@ def test_a_torn_chunk_that_is_compressed_is_left_as_it_is(tmp_path: Path, capsys
         ):
             writer.add_message(channel, number * 10**6, data, number * 10**6)
         writer.finish()
-    torn = file.read_bytes()[:1000]
+    whole = file.read_bytes()
+    torn = whole[:1000]
     file.write_bytes(torn)
     for place in ([], ["-o", str(tmp_path / "copy")]):
         assert main(["recover", str(file), *place]) == 2
@@ -146,6 +147,11 @@ def test_a_torn_chunk_that_is_compressed_is_left_as_it_is(tmp_path: Path, capsys
         assert "its only chunk is compressed" in said
     assert file.read_bytes() == torn
     assert not (tmp_path / "copy").exists()
+    (tmp_path / "split").mkdir()
+    for place, data in enumerate((whole, torn)):  # the other file of a bag is worth having
+        (tmp_path / "split" / f"split_{place}.mcap").write_bytes(data)
+    assert main(["recover", str(tmp_path / "split")]) == 0
+    assert "500 messages" in capsys.readouterr().out
 
 
 def pressures(log: BagLog, topic: str, log_ns: int, stamp_ns: int) -> None:

@@ -189,7 +189,8 @@ def test_map_that_says_what_cannot_be_is_refused(tmp_path: Path, recorded: robot
     for given, said in (
         ({"joints": {"elbwo": {"sign": -1}}}, "joint elbwo, which no recording has; they have: yaw, shoulder, elbow"),
         ({"joints": {"elbow": "lock"}}, "takes joint elbow for lock, which the model has not; write one of"),
-        ({"joints": {"yaw": "elbow", "elbow": "elbow"}}, "joints yaw and elbow are both 'elbow' of the model"),
+        ({"joints": {"yaw": "elbow", "elbow": "elbow"}}, "joints yaw and elbow of one are both 'elbow' of the model"),
+        ({"joints": {"yaw": "elbow"}}, "joints yaw and elbow of one are both 'elbow' of the model"),
         ({"gains": {"elbow": {"kp": -3}}}, "kp -3 and kd 0 must be at least 0"),
         ({"gains": {"elbow": 100}}, "are '100'; write {kp: ..., kd: ...}"),
         ({"base": "hold"}, "base 'hold' must be one of held, free, measured"),

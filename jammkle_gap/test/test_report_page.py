@@ -307,6 +307,14 @@ def test_the_ledger_and_the_fitted_constants_are_on_the_page() -> None:
     assert 'id="waterfall"' not in page(dataclasses.replace(found, ledger=nothing), alone)
 
 
+def test_a_part_that_leaves_more_than_was_there_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    """Constants fitted without the effect stand in for it, and predict worse than the nominal simulator."""
+    for gap, said in ((25.0, True), (9.0, False)):
+        ledger = (LedgerEntry("constants of the machine", 0.0, gap), LedgerEntry("left", 0.1, 2.0))
+        screen.show(dataclasses.replace(made_up(Verdict.EFFECTS), ledger=ledger), ASKED, Path("gap.html"))
+        assert ("more than the nominal 20.0" in capsys.readouterr().out) is said
+
+
 def test_the_calibration_is_shown_in_its_units() -> None:
     """A constant that references moved stands with nominal and calibrated value, and in standard deviations."""
     said = Reader(page(made_up(Verdict.EFFECTS), ASKED)).words

@@ -48,6 +48,8 @@ IMU_SIGNALS = (*FORCE.signals.values(), *RATE.signals.values())
 
 _LEAST_VACUUM_PA = 0.1 * STANDARD_ATMOSPHERE_PA
 """From which on a channel is taken to be jammed, where no driver says more; no vacuum is the standard atmosphere."""
+_HELD_S = 0.5
+"""For how long a pressure holds after its last reading, s. Chosen: fifty readings, as not all topics end at once."""
 _SHORTEST_S = 1e-3
 """Duration of a bag that holds one sample."""
 
@@ -146,7 +148,7 @@ class Recorded(Motion):
     def _by_pressure(self, channel: str, time_s: float) -> Channel:
         topic = names.PRESSURES[channel].name
         track = self.readings.get(topic)
-        if track is None or not track.covers(time_s):
+        if track is None or not (track.covers(time_s) or track.covers(time_s - _HELD_S)):
             return Channel(ChannelState.UNKNOWN, math.nan, math.nan, "nobody measured its pressure")
         vacuum_pa = STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
         jams = vacuum_pa > _LEAST_VACUUM_PA

@@ -75,6 +75,8 @@ def test_what_nobody_measured_is_not_known(recorded: Recorded) -> None:
     assert some.state_at(begins_s + 1.5).channels[names.ACHILLES].state is ChannelState.UNJAMMED
     for time_s in (begins_s + 0.5, recorded.duration_s + 2.0):
         assert some.state_at(time_s).channels[names.ACHILLES].state is ChannelState.UNKNOWN
+    at_the_end = dataclasses.replace(recorded, reports=()).state_at(recorded.duration_s + 0.1)
+    assert at_the_end.channels[names.ACHILLES].state is not ChannelState.UNKNOWN
     unmeasured = some.state_at(begins_s + 1.5).channels[names.PERONEAL_LEFT]
     assert unmeasured.state is ChannelState.UNKNOWN
     assert math.isnan(unmeasured.measured_vacuum_pa)

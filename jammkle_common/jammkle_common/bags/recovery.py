@@ -133,8 +133,9 @@ def _made_whole(contents: Contents, on_progress: Callable[[float], None]) -> Rec
     contents = _without_empty_files(contents)
     sections: dict[Path, DataSection] = {}
     torn_bytes = given_up = 0
+    is_only = len((*contents.files, *contents.unnamed)) == 1
     for path in files_to_complete(contents):
-        sections[path], torn, lost = _completed(path, on_progress)
+        sections[path], torn, lost = _completed(path, on_progress, is_only=is_only)
         torn_bytes, given_up = torn_bytes + torn, given_up + lost
     changed = bool(sections)
     if bag.is_dir() and (sections or _needs_metadata(contents)):
@@ -219,17 +220,30 @@ def _copied(bag: Path, target: Path) -> Path:
     return target
 
 
-def _completed(path: Path, on_progress: Callable[[float], None]) -> tuple[DataSection, int, int]:
-    """Complete one file; return what it holds, how many bytes were cut off, and how many messages given up."""
+def _completed(path: Path, on_progress: Callable[[float], None], *, is_only: bool) -> tuple[DataSection, int, int]:
+    """Complete one file; return what it holds, how many bytes were cut off, and how many messages given up.
+
+    Nothing is cut off the only file of a bag if no message would be left.
+    """
     try:
         with path.open("rb") as stream:
             section = scanned(stream, on_progress)
+        if is_only:
+            _check_worth(section)
         torn = section.size - section.end
         with path.open("r+b", buffering=0) as stream:
             return section, torn, complete(stream, section)
     except InputError as error:
         msg = f"bag file {path} cannot be recovered: {error}"
         raise InputError(msg) from error
+
+
+def _check_worth(section: DataSection) -> None:
+    """Refuse to cut off all messages that a bag has."""
+    if section.given_up_bytes and not section.counts():
+        msg = f"its only chunk is compressed, and torn off after {section.given_up_bytes} bytes"
+        msg += "; copy it anew from where it is whole"
+        raise InputError(msg)
 
 
 def _write_metadata_of(contents: Contents, sections: Mapping[Path, DataSection]) -> int:
@@ -298,6 +312,8 @@ class DataSection:
     """In the order of the file."""
     torn_chunk: bytes = b""
     """What the last chunk begins with so that it holds its whole records alone; empty: it is not torn."""
+    given_up_bytes: int = 0
+    """Of a chunk that was torn off and is compressed, so that none of it can be read."""
 
     def counts(self) -> Counter[int]:
         """Return the messages of each channel."""
@@ -354,18 +370,11 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
 
 
 def _take_torn_chunk(section: DataSection, torn: bytes) -> None:
-    """Take the whole messages of a chunk that was torn off.
-
-    Raises:
-        InputError: it is compressed, and no other chunk holds a message.
-
-    """
+    """Take the whole messages of a chunk that was torn off; of one that is compressed there are none."""
     if len(torn) <= HEAD.size + _CHUNK.size or torn[0] != Opcode.CHUNK:
         return
     if _CHUNK.unpack_from(torn, HEAD.size)[4]:
-        if not section.counts():
-            msg = f"its only chunk is compressed, and torn off after {len(torn)} bytes"
-            raise InputError(msg)
+        section.given_up_bytes = len(torn)
         return
     data = torn[HEAD.size + _CHUNK.size :]
     times_ns, size = list[int](), 0
@@ -373,7 +382,7 @@ def _take_torn_chunk(section: DataSection, torn: bytes) -> None:
         opcode, length = HEAD.unpack_from(data, size)
         if opcode not in _KNOWN or size + HEAD.size + length > len(data):
             break
-        if opcode == Opcode.MESSAGE:
+        if opcode == Opcode.MESSAGE and length >= MESSAGE.size:
             times_ns.append(MESSAGE.unpack_from(data, size + HEAD.size)[2])
         size += HEAD.size + length
     if not times_ns:

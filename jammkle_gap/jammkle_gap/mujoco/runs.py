@@ -243,7 +243,6 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
             fixed[given].append(name)
         else:
             joints[name] = _joint_of(name, given, f"{where}, joint {name}")
-    _check_once(joints, where)
     commands = _part(table, "commands", where)
     _check_keys(commands, ("topic", "order", "quantity", "units"), f"{where}, commands")
     tolerances = _numbers(table, "tolerances", where)
@@ -284,16 +283,6 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         sensors={name: _sensor_of(each, f"{where}, sensor {name}") for name, each in sensors.items()},
         senses=senses,
     )
-
-
-def _check_once(joints: Mapping[str, JointMap], where: str) -> None:
-    by_joint: dict[str, str] = {}
-    for name, each in joints.items():
-        if each.model in by_joint:
-            msg = f"{where}: joints {by_joint[each.model]} and {name} are both '{each.model}' of the model"
-            msg += "; each of the model's joints is measured once"
-            raise BadRobotError(msg)
-        by_joint[each.model] = name
 
 
 def _part(table: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
@@ -529,13 +518,23 @@ def checked(run: Run) -> Run:
 
 
 def in_model_terms(run: Run, given: RobotMap) -> Run:
-    """Return a run by the names, signs, zeros and units of the model."""
+    """Return a run by the names, signs, zeros and units of the model.
+
+    Raises:
+        BadRobotError: two of its joints are the same one of the model.
+
+    """
+    by_model: dict[str, str] = {}
 
     def moved(tracks: Tracks, *, in_degrees: bool | None) -> Tracks:
         degrees = np.pi / 180.0 if in_degrees else 1.0
         found = {}
         for (joint, quantity), track in tracks.items():
             asked = given.joints.get(joint, JointMap(joint))
+            if (other := by_model.setdefault(asked.model, joint)) != joint:
+                msg = f"joints {other} and {joint} of {run.name} are both '{asked.model}' of the model, by the map"
+                msg += "; name another one for one of them, or lock it"
+                raise BadRobotError(msg)
             factor = asked.sign * (1.0 if quantity is Quantity.EFFORT else degrees)
             offset = asked.offset if quantity is Quantity.POSITION else 0.0
             if quantity is Quantity.EFFORT:

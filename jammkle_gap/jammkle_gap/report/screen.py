@@ -103,7 +103,9 @@ def _ledger_table(diagnosis: Diagnosis) -> Table:
     for line in words.ledger_lines(diagnosis):
         table.add_row(escape(line["part"]), line["share"], line["gap"])
     if any(each.gap > diagnosis.gap.nominal for each in diagnosis.ledger):
-        table.caption = f"above {times(diagnosis.gap.nominal)}, the nominal gap: alone it stands for something else"
+        table.caption = (
+            f"more than the nominal {times(diagnosis.gap.nominal)}: fitted alone, it stands in for the others"
+        )
     return table
 
 
