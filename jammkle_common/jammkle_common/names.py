@@ -395,7 +395,6 @@ _PUBLISHED = {
 _SUBSCRIBED = {
     **_PUBLISHED,
     TopicKind.SENSOR: Delivery(_SENSOR_DEPTH, reliable=False),
-    TopicKind.COMMAND: Delivery(1, reliable=True),
     TopicKind.CLOCK: Delivery(1, reliable=False),
 }
 

@@ -194,6 +194,22 @@ def test_a_refusal_stays_until_a_command_is_taken(graph: Graph) -> None:
     graph.spin_until(lambda: not graph.ankle.states[-1].refused_command)
 
 
+def test_what_is_sent_once_counts_with_a_driver_that_was_held_up(graph: Graph) -> None:
+    """The way back after a service is said once, and repeated set points follow it before the driver runs again."""
+    graph.jammable_driver()
+    publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
+    graph.spin_until(lambda: publisher.get_subscription_count() == 2)
+    points = [ChannelJamCommand(channel=channel, vacuum_pa=40e3) for channel in names.CHANNELS]
+    publisher.publish(JamCommand(channels=points))
+    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+    assert graph.call(Unjam, names.UNJAM.path, channels=[]).success
+    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))
+    publisher.publish(JamCommand(channels=points, anew=True))
+    for _ in range(20):
+        publisher.publish(JamCommand(channels=points))
+    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+
+
 def test_two_that_command_at_once_are_reported(graph: Graph) -> None:
     """They contradict one another, one by best effort: the channel stays as the latest change has it."""
     driver = graph.jammable_driver()

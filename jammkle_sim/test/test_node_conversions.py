@@ -171,6 +171,32 @@ def test_a_trajectory_begins_at_its_stamp_however_late_it_comes() -> None:
     assert hips_rad(12, 1.5, [2.5, 0.0, 0.5, 1.0]) == pytest.approx([0.3, 0.3, 0.4, 0.5])
 
 
+def test_joints_that_a_later_trajectory_does_not_name_go_on_with_theirs() -> None:
+    """The hip alone is asked anew, the knee ends where it was sent; empty ends both."""
+    leg = robot("leg", RobotOptions(behaviour="hang"))
+    control, data = FollowingControl(leg.model, leg.control), mujoco.MjData(leg.model)
+
+    def asked_rad(time_s: float) -> list[float]:
+        control.command(time_s, data)
+        return [float(data.actuator(joint).ctrl[0]) for joint in ("hip", "knee")]
+
+    def send(hips_and_knees_rad: dict[str, float], now_s: float) -> None:
+        points = [JointTrajectoryPoint(positions=[*hips_and_knees_rad.values()], time_from_start=Duration(sec=1))]
+        message = JointTrajectory(joint_names=[*hips_and_knees_rad], points=points if hips_and_knees_rad else [])
+        control.follow(joint_course(message, run_began_s=0.0, now_s=now_s))
+
+    own_rad = asked_rad(0.0)
+    send({"knee": own_rad[1] + 0.2, "hip": own_rad[0] + 0.4}, 0.0)
+    assert asked_rad(0.0) == pytest.approx(own_rad)
+    assert asked_rad(0.5) == pytest.approx([own_rad[0] + 0.2, own_rad[1] + 0.1])
+    send({"hip": own_rad[0]}, 0.5)
+    assert asked_rad(0.5) == pytest.approx([own_rad[0] + 0.2, own_rad[1] + 0.1])
+    assert asked_rad(1.0) == pytest.approx([own_rad[0] + 0.1, own_rad[1] + 0.2])
+    assert asked_rad(2.0) == pytest.approx([own_rad[0], own_rad[1] + 0.2])
+    send({}, 2.0)
+    assert asked_rad(2.1) == pytest.approx(own_rad)
+
+
 @pytest.mark.parametrize("stamp_s", [5, 1_700_000_000])
 def test_a_trajectory_of_another_clock_is_refused(stamp_s: int) -> None:
     """One that is over, or begins in fifty years, says how far off it is and how to stamp it."""

@@ -138,38 +138,68 @@ class JointCourse:
     """Time of the run at which it begins, s; until then the joints stay. None: with the next command."""
 
 
+@dataclass
+class _Followed:
+    """A course that is followed, by the servos of its joints that no later one names."""
+
+    course: JointCourse
+    servos: list[int]
+    angles_rad: NDArray[np.float64]
+    """Of the course, shape (points, servos)."""
+    begun_s: float | None = None
+
+    def begin(self, time_s: float, before_rad: NDArray[np.float64]) -> None:
+        """Begin, or begin with a run that starts anew, from what was asked of all servos before."""
+        begins_s = self.course.begins_s if self.begun_s is None else None
+        self.begun_s = time_s if begins_s is None else begins_s
+        self._times_s = self.begun_s + np.concatenate(([0.0], self.course.time_s))
+        self._path_rad = np.vstack((before_rad[self.servos], self.angles_rad))
+
+    def asked_rad(self, time_s: float) -> list[float]:
+        """Return what each servo is asked once it has begun."""
+        return [float(np.interp(time_s, self._times_s, angles)) for angles in self._path_rad.T]
+
+    def leave(self, servos: list[int]) -> None:
+        """Leave servos to a later course."""
+        kept = [place for place, servo in enumerate(self.servos) if servo not in servos]
+        self.servos, self.angles_rad = [self.servos[place] for place in kept], self.angles_rad[:, kept]
+        if self.begun_s is not None:
+            self._path_rad = self._path_rad[:, kept]
+
+
 class FollowingControl:
     """Lets a robot's joints follow courses, in place of what its own control asks of them."""
 
     def __init__(self, model: Any, own: JointControl) -> None:
         """Begin with what its own control asks."""
         self._model, self._own = model, own
-        self._course: JointCourse | None = None
-        self._begun_s: float | None = None
+        self._followed: list[_Followed] = []
         self._commanded_s = 0.0
-        self._servos: list[int] = []
 
     def follow(self, course: JointCourse | None) -> None:
         """Follow a course from when it begins, or the robot's own control again.
 
-        A course that is still followed when a run starts anew begins with it.
+        Joints that the course does not name go on with the course that they follow. A course that is still followed
+        when a run starts anew begins with it.
 
         Raises:
             ParameterError: the robot has no such servo, one is named twice, or an angle is beyond its joint's range.
 
         """
+        if course is None:
+            self._followed.clear()
+            return
         known = {
             self._model.actuator(i).name: i
             for i in range(self._model.nu)
             if self._model.actuator(i).trntype[0] == mujoco.mjtTrn.mjTRN_JOINT
         }
-        joints = () if course is None else course.joints
-        for place, joint in enumerate(joints):
-            if joint not in known or joint in joints[:place]:
+        for place, joint in enumerate(course.joints):
+            if joint not in known or joint in course.joints[:place]:
                 problem = "is named twice" if joint in known else "has no servo"
                 msg = f"joint '{joint}' {problem}; this robot's are: {', '.join(known)}"
                 raise ParameterError(msg)
-        for joint, angles_rad in () if course is None else zip(joints, course.angles_rad.T, strict=True):
+        for joint, angles_rad in zip(course.joints, course.angles_rad.T, strict=True):
             number = int(self._model.actuator(joint).trnid[0])
             low_rad, high_rad = self._model.jnt_range[number].tolist()
             if self._model.jnt_limited[number] and not low_rad <= angles_rad.min() <= angles_rad.max() <= high_rad:
@@ -177,23 +207,21 @@ class FollowingControl:
                 msg = f"joint '{joint}' shall go from {least:.4g} to {most:.4g} rad"
                 msg += f"; it must stay within {low_rad:.4g} to {high_rad:.4g}"
                 raise ParameterError(msg)
-        self._servos = [known[joint] for joint in joints]
-        self._course, self._begun_s = course, None
+        servos = [known[joint] for joint in course.joints]
+        for followed in self._followed:
+            followed.leave(servos)
+        self._followed = [followed for followed in self._followed if followed.servos]
+        self._followed.append(_Followed(course, servos, course.angles_rad))
 
     def command(self, time_s: float, data: Any) -> None:
         """Say where the joints shall be."""
-        before_rad = data.ctrl[self._servos].copy()
+        before_rad = data.ctrl.copy()
         self._own.command(time_s, data)
-        if self._course is None:
-            return
-        if self._begun_s is None or time_s < self._commanded_s:
-            begins_s = self._course.begins_s if self._begun_s is None else None
-            self._begun_s = time_s if begins_s is None else begins_s
-            self._times_s = np.concatenate(([0.0], self._course.time_s))
-            self._angles_rad = np.vstack((before_rad, self._course.angles_rad))
+        for followed in self._followed:
+            if followed.begun_s is None or time_s < self._commanded_s:
+                followed.begin(time_s, before_rad)
+            data.ctrl[followed.servos] = followed.asked_rad(time_s)
         self._commanded_s = time_s
-        elapsed_s = time_s - self._begun_s
-        data.ctrl[self._servos] = [np.interp(elapsed_s, self._times_s, angles) for angles in self._angles_rad.T]
 
     def plan(self, ankle: str, time_s: float) -> FootPlan | None:
         """Return what the gait plans of a foot, of the robot's own control."""
