@@ -99,7 +99,7 @@ def test_a_limit_that_acts_at_peaks_alone_is_named(tmp_path: Path) -> None:
     [
         ("missing.xml", "is no file; give an MJCF"),
         ("broken.xml", "cannot be loaded"),
-        ("map.yaml", "write 'model: robot.xml' into it"),
+        ("map.yaml", "names no model, but holds: units; write 'model: robot.xml' into it"),
         ("typo.yaml", "the key 'joint'; it may have: model, joints, units"),
     ],
 )

@@ -130,6 +130,8 @@ def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Sam
     assert "neither commands" in refusal(tmp_path, run)
     assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})
     assert "names joint wrist" in refusal(tmp_path, run, {"gains": {"wrist": {"kp": 1}}})
+    assert "joints is ['yaw']; it must be a table" in refusal(tmp_path, run, {"joints": ["yaw"]})
+    assert "yaw is 'nan'; it must be a number" in refusal(tmp_path, run, {"torque_constants": {"yaw": float("nan")}})
 
 
 def test_units_that_only_commands_or_times_have_are_named(tmp_path: Path, recorded: robot_arm.Samples) -> None:
@@ -319,6 +321,25 @@ def test_stamps_of_two_clocks_are_set_together_and_said(tmp_path: Path, recorded
     (note,) = [each for each in run.notes if "/arm/joint_trajectory" in each]
     assert "clock" in note
     assert "\n" not in note
+
+
+@pytest.mark.parametrize(("form", "noted"), [("array", "3 of "), ("now", "trajectories")])
+def test_what_is_no_number_is_left_out_and_noted(
+    tmp_path: Path, recorded: robot_arm.Samples, form: str, noted: str
+) -> None:
+    """NaN among readings and commands is counted; of an interface that never reads anything nothing is said."""
+    spoiled = {name: values.copy() for name, values in recorded.items()}
+    spoiled["elbow.position"][10:15] = np.nan
+    spoiled["command.elbow.position"][20:23] = np.nan
+    spoiled["shoulder.effort"][:] = np.nan
+    (run,), _ = matched(robot_arm.write_model(tmp_path), [robot_arm.write_bag(tmp_path / "bag", spoiled, form)])
+    count = len(recorded["time_s"])
+    assert len(run.measured["elbow", Quantity.POSITION].values) == count - 5
+    assert ("shoulder", Quantity.EFFORT) not in run.measured
+    assert np.isfinite(run.commands["elbow", Quantity.POSITION].values).all()
+    assert f"5 of {count} readings of elbow (position) are no numbers: left out" in run.notes
+    assert [note for note in run.notes if note.startswith(noted) and "elbow" in note and "no numbers" in note]
+    assert not [note for note in run.notes if "shoulder (effort)" in note]
 
 
 CHAINED = """

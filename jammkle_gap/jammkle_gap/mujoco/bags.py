@@ -80,10 +80,11 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                 poses.append((time_s, at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z))
                 continue
             states.take(connection, time_s, message)
-        notes = [*commands.notes, *times.doubts.values()]
-    measured = states.tracks()
+        measured = states.tracks()
+        commanded = commands.tracks(measured)
+        notes = (*commands.notes, *states.notes, *times.doubts.values())
     senses = {key: axes for key, rows in sensed.items() if (axes := _rising(rows))}
-    return checked(Run(name_of(path), measured, commands.tracks(measured), tuple(notes), senses, _rising(poses)))
+    return checked(Run(name_of(path), measured, commanded, notes, senses, _rising(poses)))
 
 
 class _States:
@@ -105,6 +106,7 @@ class _States:
         self.connections = found
         self._found_on: dict[str, str] = {}
         self._samples: _Samples = {}
+        self.notes: list[str] = []
 
     def _which(self, what: str) -> str:
         return f"bag {self._path} holds {what} on {self._topics}; name one of these in the map (states: /joint_states)"
@@ -119,8 +121,7 @@ class _States:
     def tracks(self) -> Tracks:
         """Return all readings by rising times."""
         found = {}
-        for key, samples in self._samples.items():
-            track = _sorted(samples)
+        for key, track in _numbers(self._samples, "readings", self.notes).items():
             kept = np.concatenate(([True], np.diff(track.time_s) > 0.0))
             if kept.mean() < _MOSTLY:
                 share = f"{100.0 * (1.0 - kept.mean()):.0f} %"
@@ -143,15 +144,25 @@ def _take_joints(samples: _Samples, time_s: float, message: Any) -> None:
 
 def _take(samples: _Samples, time_s: float, joints: Sequence[str], quantity: Quantity, row: Iterable[float]) -> None:
     for joint, value in zip(joints, row, strict=False):
-        if np.isfinite(value):
-            samples.setdefault((joint, quantity), []).append((time_s, float(value)))
+        samples.setdefault((joint, quantity), []).append((time_s, float(value)))
 
 
-def _sorted(samples: Sequence[tuple[float, float]]) -> Track:
-    """Return samples by time; those of the same time in the order in which they came."""
-    table = np.array(samples)
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    return Track(table[:, 0], table[:, 1])
+def _numbers(samples: _Samples, what: str, notes: list[str]) -> dict[tuple[str, Quantity], Track]:
+    """Return samples by time, those of the same time in the order in which they came, and note what is no number.
+
+    Of what is never a number nothing is noted: interfaces without a sensor are published as NaN.
+    """
+    found = {}
+    for (joint, quantity), rows in samples.items():
+        table = np.array(rows)
+        table = table[np.argsort(table[:, 0], kind="stable")]
+        kept = np.isfinite(table[:, 1])
+        if not kept.any():
+            continue
+        if not kept.all():
+            notes.append(f"{(~kept).sum()} of {len(kept)} {what} of {joint} ({quantity.value}) are no numbers: left out")
+        found[joint, quantity] = Track(table[kept, 0], table[kept, 1])
+    return found
 
 
 def _rising(rows: Sequence[tuple[float, ...]]) -> tuple[Track, ...]:
@@ -232,16 +243,21 @@ class _Commands:
             ]
             if not len(at_s) or len(rows[0]) != len(at_s):
                 continue
-            derivatives = list(itertools.takewhile(lambda row: len(row) == len(at_s), rows[:3]))
+            if not np.isfinite(rows[0]).all():
+                note = f"trajectories of {joint} with positions that are no numbers are left out"
+                self.notes += [note] if note not in self.notes else []
+                continue
+            given = [len(row) == len(at_s) and bool(np.isfinite(row).all()) for row in rows]
+            derivatives = rows[: given.index(False) if False in given[:3] else 3]
             played = _Trajectory(time_s, at_s, np.column_stack(derivatives))
             self._trajectories.setdefault((joint, Quantity.POSITION), []).append(played)
-            if len(rows[3]) == len(at_s):
+            if given[3]:
                 fed = _Trajectory(time_s, at_s, rows[3][:, np.newaxis])
                 self._trajectories.setdefault((joint, Quantity.EFFORT), []).append(fed)
 
     def tracks(self, measured: Tracks) -> Tracks:
         """Return all set points; a joint without any before its first trajectory is where it was measured."""
-        found = {key: held(_sorted(samples)) for key, samples in self._points.items()}
+        found = {key: held(track) for key, track in _numbers(self._points, "commands", self.notes).items()}
         for key, trajectories in self._trajectories.items():
             start = measured.get(key) if key[1] is Quantity.POSITION else None
             first = trajectories[0].points[0, 0] if start is None else start.values[0]

@@ -138,13 +138,15 @@ def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
     if file.suffix not in {".yaml", ".yml"}:
         return file, None
     try:
-        table = read_yaml(file.read_text(encoding="utf-8"), f"--model {file}")
-        model = file.parent / str(table[_MODEL])
-    except (OSError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
-        msg = (
-            f"--model {file} cannot be used as a map: {' '.join(str(error).split())}; write 'model: robot.xml' into it"
-        )
+        table = read_yaml(file.read_text(encoding="utf-8"), f"--model {file}") or {}
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"--model {file} cannot be used as a map: {' '.join(str(error).split())}"
         raise InputError(msg) from error
+    if not isinstance(table, dict) or _MODEL not in table:
+        held = ", ".join(map(str, table)) if isinstance(table, dict) else repr(table)
+        msg = f"--model {file} names no model, but holds: {held or 'nothing'}; write 'model: robot.xml' into it"
+        raise InputError(msg)
+    model = file.parent / str(table[_MODEL])
     if not model.is_file():
         msg = f"--model {file} names model {model}, which is no file; give its path from the map's folder"
         raise InputError(msg)

@@ -6,6 +6,7 @@ Names, signs, offsets and units follow a map where recording and model do not ag
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -298,23 +299,26 @@ def _numbers(table: Mapping[str, Any], key: str, where: str) -> dict[str, float]
 
 def _table(given: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
-        msg = f"{where} is '{given}'; it must be a table, NAME: VALUE a line"
+        msg = f"{where} is {given!r}; it must be a table, NAME: VALUE a line"
         raise BadRobotError(msg)
     return given
 
 
 def _number(given: Any, where: str) -> float:
     try:
-        return float(given)  # a text, too: YAML reads 1e-3 as one
+        number = float(given)  # a text, too: YAML reads 1e-3 as one
     except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
         msg = f"{where} is '{given}'; it must be a number"
-        raise BadRobotError(msg) from None
+        raise BadRobotError(msg)
+    return number
 
 
 def _order_of(commands: Mapping[str, Any], where: str) -> tuple[str, ...]:
     given = commands.get("order") or []
     if not isinstance(given, list | tuple):
-        msg = f"{where} is '{given}'; it must be a list of joints, [FIRST, SECOND]"
+        msg = f"{where} is {given!r}; it must be a list of joints, [FIRST, SECOND]"
         raise BadRobotError(msg)
     return tuple(map(str, given))
 
