@@ -13,12 +13,16 @@ import pytest
 from jammkle_common import names
 from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_gap.ankle.corrected import Correction
-from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, try_changes
+from jammkle_gap.ankle.effects import AnkleEffect, ankle_library, change_of, try_changes
 from jammkle_gap.ankle.inputs import nominal_rig
+from jammkle_gap.ankle.problem import ankle_problem
 from jammkle_gap.ankle.recording import recording_of_run
 from jammkle_gap.ankle.sensors import ACCELERATION, ANGLE, EXTENSION, FORCE, PRESSURE, RATE, SLIDE, TENSION, quantity_of
 from jammkle_gap.ankle.simulator import AnkleSimulator
-from jammkle_gap.core.effects import BadEffectError
+from jammkle_gap.core.constants import Constants
+from jammkle_gap.core.effects import BadEffectError, Library
+from jammkle_gap.core.signatures import dictionary_of
+from jammkle_gap.core.simulate import Runner
 from jammkle_sim.rigs.catalogue import RIGS, as_it_is, run_rig
 from recorded import bias_of
 
@@ -291,6 +295,28 @@ def test_a_user_adds_an_effect_without_editing_the_package(tmp_path: Path) -> No
     recording = landing()
     mine, own = simulator(recording, {"extra_mass.mass_kg": 0.3}), SIMULATOR(recording, {"payload.mass_kg": 0.3})
     assert all(np.array_equal(mine[name], own[name]) for name in own)
+
+
+def test_signatures_of_an_effect_whose_function_was_edited_are_made_anew(tmp_path: Path) -> None:
+    """What is kept on disk is of the function that was simulated, and is taken as long as that stays the same."""
+    (tmp_path / "mine.yaml").write_text(ENTRY)
+
+    def signature(change: str) -> tuple[NDArray[np.float64], int]:
+        (tmp_path / "mine.py").write_text(change)
+        change_of.cache_clear()
+        library = Library((ankle_library(tmp_path / "mine.yaml").effect("extra_mass"),))
+        problem = dataclasses.replace(ankle_problem(library), scatter=(), constants=())
+        runner = Runner(problem, 1)
+        found = dictionary_of(landing(), problem, runner, Constants(), tmp_path / "kept")
+        return found.effects["extra_mass"], runner.runs
+
+    heavy, _ = signature(CHANGE)
+    again, runs = signature(CHANGE)
+    assert runs == 0
+    assert np.allclose(again, heavy, rtol=1e-5)
+    light, runs = signature(CHANGE.replace("values, place)\n", "{'mass_kg': 0.1 * values['mass_kg']}, place)\n"))
+    assert runs > 0
+    assert np.abs(light).max() < 0.7 * np.abs(heavy).max()
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import hashlib
 import importlib
 import importlib.util
 from dataclasses import dataclass
@@ -268,6 +269,12 @@ class AnkleEffect(Effect):
     """Name there of the change to the rig; empty if it makes none."""
     input_function: str = ""
     """Name there of the change to the inputs; empty if it makes none."""
+
+    @property
+    def version(self) -> str:
+        """Its place and changes, and a digest of a user's file that holds them; not of what that file imports."""
+        source = hashlib.blake2b(Path(self.file).read_bytes(), digest_size=16).hexdigest() if self.file else ""
+        return "|".join((self.place, self.function, self.input_function, source))
 
     def change(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Return the rig with the effect in it; the very same rig where all values are null.

@@ -75,6 +75,11 @@ class Effect:
             msg = f"effect '{self.name}' has no parameters; give one to three with bounds"
             raise BadEffectError(msg)
 
+    @property
+    def version(self) -> str:
+        """What tells its simulation from another one's of this name, for what is kept on disk; empty: nothing does."""
+        return ""
+
     def key(self, parameter: EffectParameter) -> str:
         """Return the name of a parameter among all effects: `effect.parameter`."""
         return f"{self.name}.{parameter.name}"
