@@ -274,7 +274,7 @@ class AnkleEffect(Effect):
     def version(self) -> str:
         """Its place and changes, and a digest of a user's file that holds them; not of what that file imports."""
         source = hashlib.blake2b(Path(self.file).read_bytes(), digest_size=16).hexdigest() if self.file else ""
-        return "|".join((self.place, self.function, self.input_function, source))
+        return f"{self.place}|{self.function}|{self.input_function}|{source}"
 
     def change(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Return the rig with the effect in it; the very same rig where all values are null.

@@ -328,9 +328,7 @@ def dictionary_of(
     layout = dataclasses.replace(layout, bins=int(stored["bins"]), event_s=events, floor=stored["floor"])
     asked = [effect for effect in problem.library if not known_features(problem, layout, (effect.name,)).all()]
     # Whoever adds an effect simulates no other again.
-    files = {
-        each.name: f"{name}/{_hash([each.name, each.version, grid_of(each).points.tolist()])}" for each in asked
-    }
+    files = {each.name: f"{name}/{_hash([each.name, each.version, grid_of(each).points.tolist()])}" for each in asked}
     tables = {each.name: _read(kept, files[each.name]) for each in asked}
     missing = [each for each in asked if tables[each.name] is None]
     for each, table in zip(missing, _simulated(recording, layout, missing, runner), strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.mujoco.runs import FEWEST, Base, Quantity, Run, Sense, Track, checked, held
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -54,7 +53,7 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         times = BagTimes(reader)
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
-        sensed: dict[tuple[str, Sense], list[tuple[float, ...]]] = {}
+        sensed: dict[tuple[str, str, Sense], list[tuple[float, ...]]] = {}
         moving = [each for each in reader.connections if each.msgtype == _ODOMETRY and each.msgcount]
         if given.base is not Base.HELD and len({each.topic for each in moving}) > 1:
             msg = f"bag {path} holds odometry on {', '.join(sorted(each.topic for each in moving))}"
@@ -71,9 +70,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
                 commands.take(connection.msgtype, time_s, message)
                 continue
             if connection in sensing:
-                name = connection.topic if connection.topic in given.sensors else message.header.frame_id
                 for sense, vector in _vectors(connection.msgtype, message):
-                    sensed.setdefault((name, sense), []).append((time_s, vector.x, vector.y, vector.z))
+                    key = connection.topic, message.header.frame_id, sense
+                    sensed.setdefault(key, []).append((time_s, vector.x, vector.y, vector.z))
                 continue
             if connection in moving:
                 at, turn = message.pose.pose.position, message.pose.pose.orientation
@@ -82,9 +81,32 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
             states.take(connection, time_s, message)
         measured = states.tracks()
         commanded = commands.tracks(measured)
-        notes = (*commands.notes, *states.notes, *times.doubts.values())
-    senses = {key: axes for key, rows in sensed.items() if (axes := _rising(rows))}
+        named, doubts = _by_name(sensed, given)
+        notes = (*commands.notes, *states.notes, *doubts, *times.doubts.values())
+    senses = {key: axes for key, rows in named.items() if (axes := _rising(rows))}
     return checked(Run(name_of(path), measured, commanded, notes, senses, _rising(poses)))
+
+
+def _by_name(
+    sensed: Mapping[tuple[str, str, Sense], list[tuple[float, ...]]], given: RobotMap
+) -> tuple[dict[tuple[str, Sense], list[tuple[float, ...]]], list[str]]:
+    """Return readings of sensors by the topic that the map names, or by their frame, if that is of one topic alone.
+
+    Two topics with one frame are one sensor's raw and filtered readings, or two sensors'.
+    """
+    found: dict[tuple[str, Sense], list[tuple[float, ...]]] = {}
+    notes = []
+    for (topic, frame, sense), rows in sensed.items():
+        if topic in given.sensors:
+            found[topic, sense] = rows
+            continue
+        topics = sorted(each for each, of, kind in sensed if (of, kind) == (frame, sense))
+        if len(topics) == 1:
+            found[frame, sense] = rows
+        elif not any(each in given.sensors for each in topics):
+            note = f"{' and '.join(topics)} have one frame, {frame}, and are left out"
+            notes.append(f"{note}; name one in the map (sensors: {{{topics[0]}: SITE}})")
+    return found, list(dict.fromkeys(notes))
 
 
 class _States:
@@ -160,7 +182,8 @@ def _numbers(samples: _Samples, what: str, notes: list[str]) -> dict[tuple[str, 
         if not kept.any():
             continue
         if not kept.all():
-            notes.append(f"{(~kept).sum()} of {len(kept)} {what} of {joint} ({quantity.value}) are no numbers: left out")
+            of_all = f"{(~kept).sum()} of {len(kept)} {what} of {joint} ({quantity.value})"
+            notes.append(f"{of_all} are no numbers: left out")
         found[joint, quantity] = Track(table[kept, 0], table[kept, 1])
     return found
 
@@ -284,31 +307,29 @@ def _played(trajectories: Sequence[_Trajectory], start: float) -> Track:
     """Return the set point of a joint as joint_trajectory_controller plays trajectories, each until the next.
 
     Straight from point to point, by cubic splines where velocities are given, and by quintic ones where accelerations
-    are, too, from where it is at the beginning.
+    are, too. A trajectory begins at its own point at time zero, if it has one, or else from where the one before has
+    come to by then, as fast as that was, where velocities are given: so it is with `interpolate_from_desired_state`;
+    without it the controller begins from what it measures.
     """
-    times, values = [trajectories[0].begin_s], [start]
+    times, values, state = [trajectories[0].begin_s], [start], [start, 0.0, 0.0]
     ends = [each.begin_s for each in trajectories[1:]] + [np.inf]
     for each, end_s in zip(trajectories, ends, strict=True):
-        begin_s, at_s, positions = each.begin_s, each.at_s, each.points[:, 0]
-        own, points = [0.0], [values[-1]]
-        keep = at_s > 0.0
-        if keep.any():
-            first = [values[-1], *(0.0 for _ in range(each.points.shape[1] - 1))]
-            knots, through = np.append(0.0, at_s[keep]), np.vstack([first, each.points[keep]])
-            own, points = knots.tolist(), through[:, 0].tolist()
-            if each.points.shape[1] > 1:
-                spline = BPoly.from_derivatives(knots, through)
-                fine = np.linspace(0.0, knots[-1], max(int(knots[-1] / _SPLINE_S), 2))
-                own, points = fine.tolist(), spline(fine).tolist()
-        else:  # at once
-            own, points = [0.0, 0.0], [values[-1], float(positions[-1])]
-        left = end_s - begin_s
-        inside = [k for k, each in enumerate(own) if each <= left]
-        cut = [own[k] for k in inside], [points[k] for k in inside]
-        last = float(np.interp(min(left, own[-1]), own, points)) if own[-1] > 0.0 else points[-1]
-        times += [begin_s + each for each in cut[0]]
-        values += cut[1]
+        rising = np.diff(each.at_s, prepend=-1.0) > 0.0
+        knots, through = each.at_s[rising], each.points[rising]
+        if knots[0] > 0.0:
+            knots, through = np.append(0.0, knots), np.vstack([state[: through.shape[1]], through])
+        left_s = min(end_s - each.begin_s, knots[-1])
+        own, points, state = np.zeros(1), through[:1, 0], [float(through[0, 0]), 0.0, 0.0]
+        if left_s > 0.0:
+            curve = BPoly.from_derivatives(knots, through)
+            fine = np.linspace(0.0, knots[-1], max(int(knots[-1] / _SPLINE_S), 2)) if through.shape[1] > 1 else knots
+            own = np.append(fine[fine < left_s], left_s)
+            points = curve(own)
+            # beyond its end the controller keeps what the last point says of derivatives
+            state = [float(curve.derivative(k)(left_s)) if k < through.shape[1] else 0.0 for k in range(3)]
+        times += (each.begin_s + own).tolist()
+        values += points.tolist()
         if np.isfinite(end_s):
             times.append(end_s)
-            values.append(last)
+            values.append(values[-1])
     return Track(np.array(times), np.array(values))

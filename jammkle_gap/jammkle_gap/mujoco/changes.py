@@ -88,9 +88,9 @@ def scale_gains(joint: str, machine: Machine, values: Sequence[float]) -> None:
 def limit_torque(joint: str, machine: Machine, values: Sequence[float]) -> None:
     """Limit the torque of a drive, N m or N; a limit of the model's that is lower stays."""
     actuator = _actuator(machine, joint)
+    low, high = actuator.forcerange if machine.model.actuator_forcelimited[actuator.id] else (-np.inf, np.inf)
     machine.model.actuator_forcelimited[actuator.id] = 1
-    own = actuator.forcerange[1] if actuator.forcerange[1] > 0.0 else np.inf
-    actuator.forcerange[:] = np.array([-1.0, 1.0]) * min(values[0], own)
+    actuator.forcerange[:] = max(-values[0], low), min(values[0], high)
 
 
 def soften_transmission(joint: str, machine: Machine, values: Sequence[float]) -> None:

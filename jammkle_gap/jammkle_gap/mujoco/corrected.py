@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -81,10 +82,6 @@ def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], fo
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.copy_back(model)
     _put_flags(robot, machine.model, model, spec)
-    if spec.meshes or spec.textures:
-        for kind in ("meshdir", "texturedir"):
-            given = robot.file.resolve().parent / str(getattr(spec.compiler, kind))
-            setattr(spec.compiler, kind, os.path.relpath(given, folder.resolve()))
     _put_sensors(robot, model, spec)
     rest = {each.name: value for each in fields(Nonidealities) if (value := getattr(machine, each.name))}
     if not robot.drives and "delay_s" in rest:
@@ -95,7 +92,42 @@ def corrected_of(robot: Robot, machine: Machine, values: Mapping[str, float], fo
             spec.delete(text)
     if said := text_of(rest, gains):
         spec.add_text(name=TEXT_NAME, data=said)
-    return Corrected(spec.to_xml(), rest, gains, dict(values))
+    xml = _with_assets(spec.to_xml(), robot.file.resolve(), folder.resolve())
+    return Corrected(xml, rest, gains, dict(values))
+
+
+def _with_assets(xml: str, file: Path, folder: Path) -> str:
+    """Return a model that finds its assets' files from another folder; those of attached models are beside these."""
+    root = ET.fromstring(xml)  # noqa: S314 - MuJoCo's own text; and the user's own model below
+    compiler = root.find("compiler")
+    if compiler is None:
+        return xml
+    models = ET.parse(file).iterfind("asset/model[@file]")  # noqa: S314
+    attached = [file.parent / str(each.get("file")) for each in models]
+    for kind, tags in (("meshdir", ("mesh", "hfield", "skin")), ("texturedir", ("texture",))):
+        own = file.parent / compiler.get(kind, "")
+        places = [own, *(each.parent / _asset_folder(each, kind) for each in attached)]
+        named = [
+            (each, key) for tag in tags for each in root.iter(tag) for key in each.attrib if key.startswith("file")
+        ]
+        for asset, key in named:
+            found = next((path for place in places if (path := place / asset.attrib[key]).is_file()), None)
+            if found is not None:
+                asset.set(key, os.path.relpath(found, own))
+        if named:
+            compiler.set(kind, os.path.relpath(own, folder))
+    for text in root.iter("text"):  # written as CDATA, which would be lost
+        if text.text:
+            text.set("data", text.text)
+            text.text = None
+    return ET.tostring(root, encoding="unicode")
+
+
+def _asset_folder(file: Path, kind: str) -> str:
+    """Return `meshdir` or `texturedir` of a model's file."""
+    compiler = ET.parse(file).find("compiler")  # noqa: S314
+    given = {} if compiler is None else compiler.attrib
+    return given.get(kind, given.get("assetdir", ""))
 
 
 def _put_links(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) -> None:
@@ -123,8 +155,7 @@ def _put_drives(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel) ->
         number = _actuator_of(model, drive.joint)
         gear = float(model.actuator_gear[number, 0])  # which `match` has put into the numbers
         outside = drive.joint in {*robot.given.gains, *robot.estimated}
-        limits = changed.actuator_forcerange[actuator.id] / (abs(gear) if outside else gear)
-        model.actuator_forcerange[number] = np.sort(limits)
+        model.actuator_forcerange[number] = np.sort(changed.actuator_forcerange[actuator.id] / gear)
         if outside:
             by_position = actuator.biasprm[1] != 0.0
             gains[drive.joint] = Gains(float(actuator.gainprm[0]) if by_position else 0.0, -float(actuator.biasprm[2]))

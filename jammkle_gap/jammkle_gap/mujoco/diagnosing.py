@@ -349,7 +349,8 @@ def matched(
             msg = f"recordings {first.name} and {second.name} hold the same readings; give each of them once"
             raise BadRecordingError(msg)
     _check_names(given, runs, nominal)
-    runs = [in_model_terms(run, given) for run in runs]
+    slides = [nominal.joint(k).name for k in range(nominal.njnt) if nominal.jnt_type[k] == mujoco.mjtJoint.mjJNT_SLIDE]
+    runs = [in_model_terms(run, given, slides) for run in runs]
     names = [run.name for run in runs]
     runs = [
         replace(run, name=f"{run.name} ({k})") if names.count(run.name) > 1 else run for k, run in enumerate(runs, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -52,8 +53,14 @@ def actuators_of(spec: mujoco.MjSpec, joint: str) -> list[mujoco.MjsActuator]:
 
 
 def add_motor(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
-    """Give a joint an actuator of torque, by its name."""
-    return spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+    """Give a joint an actuator of torque, by its name where no other actuator has that."""
+    return spec.add_actuator(name=free_name(spec, joint), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+
+
+def free_name(spec: mujoco.MjSpec, joint: str) -> str:
+    """Return a name for an actuator of a joint that no actuator has."""
+    taken = {each.name for each in spec.actuators}
+    return next(name for k in itertools.count(1) if (name := joint if k == 1 else f"{joint}_{k}") not in taken)
 
 
 def actuator_kind(each: mujoco.MjsActuator) -> Quantity | None:
@@ -99,7 +106,7 @@ def become_pd(actuator: mujoco.MjsActuator, gains: Gains, wanted: Quantity) -> N
 
     A motor may have its limit as a range of controls, which are torques then.
     """
-    gear = abs(float(actuator.gear[0])) or 1.0
+    gear = float(actuator.gear[0]) or 1.0
     controls = np.array(actuator.ctrlrange)
     if actuator_kind(actuator) is Quantity.EFFORT and _is_limited(actuator.ctrllimited, controls):
         limits = np.sort(float(actuator.gainprm[0]) * controls)
@@ -107,7 +114,7 @@ def become_pd(actuator: mujoco.MjsActuator, gains: Gains, wanted: Quantity) -> N
         if _is_limited(actuator.forcelimited, own):
             limits = np.array([max(limits[0], own[0]), min(limits[1], own[1])])
         actuator.forcerange, actuator.forcelimited = limits, mujoco.mjtLimited.mjLIMITED_TRUE
-    actuator.forcerange = gear * np.array(actuator.forcerange)
+    actuator.forcerange = np.sort(gear * np.array(actuator.forcerange))
     actuator.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     actuator.ctrllimited = False
     actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE

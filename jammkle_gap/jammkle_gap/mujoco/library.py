@@ -157,8 +157,8 @@ def _scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, _Scal
     for kind in (True, False):
         own = np.array([each == kind for each in turning])
         if own.any():
-            torque[own] = np.maximum(torque[own], _LEAST * torque[own].max())
-            speed[own] = np.maximum(speed[own], _LEAST * speed[own].max())
+            torque[own] = np.maximum(torque[own], max(_LEAST * torque[own].max(), _STANDING))
+            speed[own] = np.maximum(speed[own], max(_LEAST * speed[own].max(), _STANDING))
     kp = {each.joint: float(model.actuator(each.actuator).gainprm[0]) for each in robot.drives}
     return {
         name: _Scale(
@@ -177,6 +177,8 @@ _SAMPLES = 200
 """Of a recording that the largest torque is taken from."""
 _LEAST = 0.05
 """Of the largest joint's scale that any joint has: one without load may rub too."""
+_STANDING = 1e-3
+"""Scale of torque, N m or N, and of speed, rad/s or m/s, where all joints of a kind stand. Chosen: above rounding."""
 
 
 @dataclass(frozen=True)
@@ -292,9 +294,10 @@ def groups_of(robot: Robot, joints: Sequence[str]) -> dict[str, tuple[str, ...]]
     found: dict[str, tuple[str, ...]] = {}
     if len(joints) > 1 and len({robot.is_turning(name) for name in joints}) == 1:
         found[""] = tuple(joints)
-    for group in kinds.values():
-        if 1 < len(group) < len(joints):
-            found[f"_{_label(group)}"] = tuple(group)
+    groups = [group for group in kinds.values() if 1 < len(group) < len(joints)]
+    labels = [_label(group) for group in groups]
+    for group, label in zip(groups, labels, strict=True):
+        found[f"_{label if labels.count(label) == 1 else _ends_of(group)}"] = tuple(group)
     return found
 
 
@@ -302,7 +305,11 @@ def _label(names: Sequence[str]) -> str:
     words = [re.split(r"[_\W]+|\d+", name) for name in names]
     common = [word for word in words[0] if len(word) > 2 and all(word in each for each in words)]  # noqa: PLR2004
     common = [word for word in common if word not in {"joint", "link", "motor"}]
-    return "_".join(common) if common else f"{names[0]}_to_{names[-1]}"
+    return "_".join(common) if common else _ends_of(names)
+
+
+def _ends_of(names: Sequence[str]) -> str:
+    return f"{names[0]}_to_{names[-1]}"
 
 
 def _on_joints(

@@ -196,7 +196,7 @@ class Modifier:
 
     def stamp_s(self, data: mujoco.MjData) -> float:
         """Return the time that a reading of now is stamped with by its own clock, s."""
-        return float(data.time) / (1.0 + self._nonideal.clock_rate)
+        return float(data.time) * (1.0 + self._nonideal.clock_rate)
 
     def _now(self, data: mujoco.MjData) -> tuple[Array, Array, Array]:
         """Return positions and efforts, shape (joints,), and readings of sensors at sites, shape (sensors, 3)."""

@@ -21,6 +21,7 @@ from jammkle_gap.mujoco.drives import (
     add_motor,
     become_pd,
     estimated_gains,
+    free_name,
     joints_of,
     take_gear,
 )
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from jammkle_gap.mujoco.runs import RobotMap, Run
 
 _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_HELD = (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+"""Joints that may be held, and are gone then."""
 _LOCKING = 1e7
 """Armature of a locked joint, kg m^2 or kg. Chosen: 100 N m move it by 0.02 mrad in 2 s."""
 _TURNED = 1.5
@@ -127,13 +130,30 @@ def load(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     except (ValueError, OSError) as error:
         msg = f"model {file} cannot be loaded: {' '.join(str(error).split())}"
         raise BadRobotError(msg) from error
+    if any(joint.type in _HELD for joint in spec.joints):
+        spec.compiler.fusestatic = False  # a body that is held in the prepared model stays the same body in both
     taken = {each.name for each in (*spec.bodies, *spec.joints)}
     for each, kind in (*((body, "body") for body in spec.bodies), *((joint, "joint") for joint in spec.joints)):
         if not each.name:
             where = kind if kind == "body" else f"{each.parent.name}_joint"
             each.name = next(name for k in itertools.count(1) if (name := f"{where}_{k}") not in taken)
             taken.add(each.name)
-    return spec, _compiled(spec, file)
+    model = _compiled(spec, file)
+    if spec.compiler.settotalmass > 0.0:
+        _keep_masses(spec, model)
+        model = _compiled(spec, file)
+    return spec, model
+
+
+def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Give every body the mass that `settotalmass` has scaled it to, so that one of them can change by itself."""
+    for body in spec.bodies[1:]:
+        own = model.body(body.name)
+        body.explicitinertial, body.mass = True, float(own.mass[0])
+        body.inertia, body.ipos, body.iquat = own.inertia, own.ipos, own.iquat
+        body.fullinertia = np.full(6, np.nan)
+    spec.compiler.settotalmass = -1.0
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
 
 
 def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
@@ -191,6 +211,7 @@ class _Matching:
                 actuator.gainprm, actuator.biasprm = np.zeros_like(actuator.gainprm), np.zeros_like(actuator.biasprm)
         for joint in locked:
             spec.joint(joint).armature = _LOCKING
+            spec.joint(joint).limited = mujoco.mjtLimited.mjLIMITED_FALSE  # the model may have it beyond its range
         for joint in prescribed:
             prescribe_joint(spec, joint)
         self._note_unknown()
@@ -353,9 +374,12 @@ class _Matching:
                     f"nobody described the controller of joint {joint}: kp {gains.kp:.4g} and kd {gains.kd:.4g} are "
                     "estimated from its efforts, and fitted as constants"
                 )
+            if gains is not None and wanted is Quantity.POSITION and gains.kp == 0.0:
+                msg = f"joint {joint} is commanded by position, and its gains in the map have no kp"
+                msg += f"; write gains: {{{joint}: {{kp: ..., kd: ...}}}}"
+                raise BadRobotError(msg)
             actuator = own[0] if own else add_motor(self._spec, joint)
-            if not actuator.name:
-                actuator.name = joint
+            actuator.name = actuator.name or free_name(self._spec, joint)
             if gains is not None:
                 become_pd(actuator, gains, wanted)
             else:

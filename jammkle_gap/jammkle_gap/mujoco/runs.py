@@ -20,7 +20,7 @@ from jammkle_common.yaml_text import read_yaml
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -407,13 +407,11 @@ def run_of_arrays(
         raise BadRecordingError(msg)
     since_s = times - times[0]
     sensed, measured = _split_sensed(measured)
-    senses: Senses = {
-        key: tuple(Track(since_s, np.asarray(axis, dtype=float)) for axis in axes) for key, axes in sensed.items()
-    }
+    senses: Senses = {key: rows for key, axes in sensed.items() if (rows := _rows_of(name, key[0], since_s, axes))}
     posed = [f"base.{each}" for each in BASE_COLUMNS]
     base: tuple[Track, ...] = ()
     if all(column in measured for column in posed):
-        base = tuple(Track(since_s, np.asarray(measured.pop(column), dtype=float)) for column in posed)
+        base = _rows_of(name, "base", since_s, [measured.pop(column) for column in posed])
     commanded = {key: held(track) for key, track in _tracks_of(name, since_s, commands or {}).items()}
     return checked(Run(name, _tracks_of(name, since_s, measured), commanded, notes, senses, base))
 
@@ -432,6 +430,17 @@ def _tracks_of(name: str, since_s: NDArray[np.float64], columns: Mapping[str, Ar
         if finite.any():
             tracks[joint, Quantity(quantity)] = Track(since_s[finite], values[finite])
     return tracks
+
+
+def _rows_of(name: str, of: str, since_s: NDArray[np.float64], columns: Sequence[ArrayLike]) -> tuple[Track, ...]:
+    """Return columns that belong together, at the times at which all are numbers; empty if there are too few."""
+    given = [np.asarray(column, dtype=float) for column in columns]
+    if any(column.shape != since_s.shape for column in given):
+        msg = f"recording {name} has columns of {of} of shapes {[column.shape for column in given]}"
+        msg += f"; each must have shape {since_s.shape}"
+        raise BadRecordingError(msg)
+    whole = np.isfinite(given).all(axis=0)
+    return tuple(Track(since_s[whole], column[whole]) for column in given) if whole.sum() >= FEWEST else ()
 
 
 def _split_sensed(
@@ -521,8 +530,13 @@ def checked(run: Run) -> Run:
     return run
 
 
-def in_model_terms(run: Run, given: RobotMap) -> Run:
+def in_model_terms(run: Run, given: RobotMap, slides: Collection[str] = ()) -> Run:
     """Return a run by the names, signs, zeros and units of the model.
+
+    Args:
+        run: As it was read.
+        given: The map.
+        slides: Joints of the model that are no angles, so that degrees do not concern them.
 
     Raises:
         BadRobotError: two of its joints are the same one of the model.
@@ -539,7 +553,8 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
                 msg = f"joints {other} and {joint} of {run.name} are both '{asked.model}' of the model, by the map"
                 msg += "; name another one for one of them, or lock it"
                 raise BadRobotError(msg)
-            factor = asked.sign * (1.0 if quantity is Quantity.EFFORT else degrees)
+            is_angle = quantity is not Quantity.EFFORT and asked.model not in slides
+            factor = asked.sign * (degrees if is_angle else 1.0)
             offset = asked.offset if quantity is Quantity.POSITION else 0.0
             if quantity is Quantity.EFFORT:
                 factor *= given.torque_constants.get(asked.model, 1.0)
@@ -549,6 +564,9 @@ def in_model_terms(run: Run, given: RobotMap) -> Run:
     sensed = {}
     for (name, sense), axes in run.sensed.items():
         asked = given.sensors.get(name, SensorMap(name))
+        if (asked.site, sense) in sensed:
+            msg = f"two sensors of {run.name} are at site {asked.site}, by the map; leave one out of it"
+            raise BadRobotError(msg)
         sensed[asked.site, sense] = tuple(each.changed(asked.sign, 0.0) for each in axes)
     measured = moved(run.measured, in_degrees=given.degrees)
     commanded = given.degrees if given.command_degrees is None else given.command_degrees

@@ -178,7 +178,7 @@ def deviation_of(values: Array) -> float:
     blocks = [float(np.square(each).mean()) for each in np.array_split(second, _BLOCKS) if each.size]
     steps = np.diff(np.unique(values))
     rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
-    return float(np.hypot(np.sqrt(np.median(blocks) / 1.5), rounding))
+    return float(max(np.sqrt(np.median(blocks) / 1.5), rounding))  # of a moving joint the blocks hold the rounding
 
 
 _BLOCKS = 8
@@ -214,6 +214,7 @@ def run_forward(machine: Machine, motion: Motion, recording: Recording) -> dict[
     as_they_are = _sensor_readings(machine, read[:, :, len(sensed) :])
     if robot.floating:
         poses = np.array([coordinates_of(each) for each in position[:, :, len(robot.joints) :]])
+        poses += windows.full_turns(poses[:, 0])[:, np.newaxis]
         as_they_are.update({f"{BASE}/{name}": poses[:, :, column] for column, name in enumerate(COORDINATES)})
     # A controller reads before it writes: an effort is that of the step before.
     efforts = np.concatenate([read[:, :1], read[:, :-1]], axis=1)
@@ -243,9 +244,11 @@ class _Windows:
         length_s = motion.window_s + LEAD_S
         if machine.robot.given.base is Base.FREE and motion.base is None:
             length_s = motion.end_s
-        self.count = int(np.ceil(length_s * (1.0 + max(machine.clock_rate, 0.0)) / self.step_s)) + 1
+        self.count = int(np.ceil(length_s / (1.0 + min(machine.clock_rate, 0.0)) / self.step_s)) + 1
         """Steps of each."""
-        self._begins_s = np.array(motion.starts_s) * (1.0 + machine.clock_rate) - LEAD_S
+        self._clock = 1.0 + machine.clock_rate
+        """Time of the readings' clock per time."""
+        self._begins_s = np.array(motion.starts_s) / self._clock - LEAD_S
         self._grid_s = motion.step_s * np.arange(len(motion.position))
         self._set_points = _effective_set_points(machine, motion)
 
@@ -260,8 +263,10 @@ class _Windows:
             taken = np.interp(at_s + self.step_s, grid_s, area) - np.interp(at_s, grid_s, area)
             found[:, :, int(model.actuator(drive.actuator).id)] = taken / self.step_s
         if self._motion.prescribed is not None:
-            for name, own in zip(machine.robot.prescribed, controls_of(self._motion.prescribed).T, strict=True):
-                found[:, :, int(model.actuator(drive_of(name)).id)] = np.interp(steps_s, grid_s, own)
+            per_time = np.power(self._clock, [0, 1, 2])[:, np.newaxis, np.newaxis]  # of positions and derivatives
+            asked = controls_of(self._motion.prescribed * per_time)
+            for name, own in zip(machine.robot.prescribed, asked.T, strict=True):
+                found[:, :, int(model.actuator(drive_of(name)).id)] = np.interp(steps_s * self._clock, grid_s, own)
         return found
 
     def starts(self) -> Array:
@@ -270,17 +275,17 @@ class _Windows:
         states = np.zeros((len(self._begins_s), mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
         positions, velocities = states[:, 1 : 1 + model.nq], states[:, 1 + model.nq : 1 + model.nq + model.nv]
         positions[:] = model.qpos0
-        read_s = self._begins_s / (1.0 + machine.clock_rate)
+        read_s = self._begins_s * self._clock
         for column, name in enumerate(machine.robot.joints):
             at, dof = _places(model, name)
             scale, zero = machine.scale.get(name, 1.0), machine.read_position(name, 0.0, 0.0)
             positions[:, at] = (np.interp(read_s, grid_s, motion.position[:, column]) - zero) / scale
-            velocities[:, dof] = np.interp(read_s, grid_s, motion.velocity[:, column]) / scale
+            velocities[:, dof] = self._clock * np.interp(read_s, grid_s, motion.velocity[:, column]) / scale
         if motion.prescribed is not None:
             for column, name in enumerate(machine.robot.prescribed):
                 at, dof = _places(model, name)
                 positions[:, at] = np.interp(read_s, grid_s, motion.prescribed[0, :, column])
-                velocities[:, dof] = np.interp(read_s, grid_s, motion.prescribed[1, :, column])
+                velocities[:, dof] = self._clock * np.interp(read_s, grid_s, motion.prescribed[1, :, column])
         none = np.zeros((len(states), 2 * len(motion.unheld)))
         shifts = (none if motion.start_shift is None else motion.start_shift).reshape(len(states), 2, -1)
         for column, name in enumerate(motion.unheld):
@@ -304,15 +309,24 @@ class _Windows:
         of_base = [column for column, name in enumerate(self._motion.unheld) if name in COORDINATES]
         for k, read_at_s in enumerate(read_s):
             table = np.array([[np.interp(read_at_s, self._grid_s, own) for own in each.T] for each in base])
+            table[1] *= self._clock
             pose, twist = state_of(*(table + shifts[k][:, of_base] if of_base else table))
             positions[k, at : at + len(pose)], velocities[k, dof : dof + len(twist)] = pose, twist
+
+    def full_turns(self, coordinates: Array) -> Array:
+        """Return the full turns by which a base at the start of each window lies off its measurement, (windows, 6)."""
+        base, read_s = np.array(self._motion.base), self._begins_s * self._clock
+        measured = np.column_stack([np.interp(read_s, self._grid_s, own) for own in base[0].T])
+        turns: Array = 2.0 * np.pi * np.round((measured - coordinates) / (2.0 * np.pi))
+        turns[:, : len(AXES)] = 0.0
+        return turns
 
     def _taken_at(self, time_s: Array) -> tuple[Array, NDArray[np.intp]]:
         """Return when readings were really taken, s since the start of the recording, and the window of each."""
         motion = self._motion
         window = np.minimum((time_s / motion.window_s).astype(np.intp), len(motion.starts_s) - 1)
         stamp_s = np.array(motion.starts_s)[window] + time_s - window * motion.window_s
-        return stamp_s * (1.0 + self._machine.clock_rate), window
+        return stamp_s / self._clock, window
 
     def interpolated(self, ticks_s: Array, values: Array, time_s: Array) -> Array:
         """Return the readings of one quantity at the times of its signal, by when they were really taken.
@@ -347,9 +361,14 @@ class _Windows:
             exact = np.interp(at_s[own] - late_s, self._grid_s, self._set_points[:, columns[0]])
             found[own] = exact - np.interp(at_s[own] - begin_s, ticks_s, controls[k, :, int(actuator.id)])
         found *= float(actuator.gainprm[0])
-        if self._model.actuator_forcelimited[actuator.id]:
-            low, high = actuator.forcerange
-            found = np.where((made > _NEARLY * low) & (made < _NEARLY * high), found, 0.0)
+        number = int(self._model.joint(joint).id)
+        for is_limited, (low, high) in (
+            (self._model.actuator_forcelimited[actuator.id], actuator.forcerange),
+            (self._model.jnt_actfrclimited[number], self._model.jnt_actfrcrange[number]),
+        ):
+            if is_limited:
+                within = (made > _NEARLY * low) & (made < _NEARLY * high)
+                found = np.where(within, np.clip(made + found, low, high) - made, 0.0)
         return found
 
 

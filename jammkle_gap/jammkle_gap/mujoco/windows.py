@@ -238,8 +238,11 @@ def _check_whole(robot: Robot, run: Run, motion: Motion) -> None:
 def _holes(robot: Robot, run: Run, motion: Motion) -> list[tuple[float, float]]:
     """Return when readings of positions stop for longer than they may, from the start of what is compared, s."""
     found: list[tuple[float, float]] = []
-    for name in robot.joints:
-        time_s = run.measured[name, Quantity.POSITION].time_s - motion.begin_s
+    moved = [name for name in robot.prescribed if name not in BASE_JOINTS]
+    tracks = [run.measured[name, Quantity.POSITION] for name in (*robot.joints, *moved)]
+    tracks += run.base[:1] if motion.base is not None or len(moved) < len(robot.prescribed) else ()
+    for track in tracks:
+        time_s = track.time_s - motion.begin_s
         longer = np.diff(time_s) > LONGEST_STEP_S
         found += zip(time_s[:-1][longer].tolist(), time_s[1:][longer].tolist(), strict=True)
     return found
@@ -334,10 +337,12 @@ def _with_jitter(robot: Robot, motion: Motion, signal: Signal, track: Track, joi
         asked = motion.set_points[:, drives[0]]
         gain = float(robot.model.actuator(robot.drives[drives[0]].actuator).gainprm[0])
         rate = gain * (asked[2 * half :] - asked[: -2 * half]) / (2.0 * half * motion.step_s)
-    own = signal.noise or deviation_of(track.values)
     jitter = off_s * float(np.sqrt(np.square(rate).mean()))
     steps = np.diff(np.unique(track.values))
-    return replace(signal, noise=float(np.hypot(own, jitter)), resolution=float(steps.min()) if steps.size else 0.0)
+    step = float(steps.min()) if steps.size else 0.0
+    # What is estimated from readings has their rounding in it, which the resolution says.
+    own = signal.noise or float(np.sqrt(max(deviation_of(track.values) ** 2 - step**2 / 12.0, 0.0)))
+    return replace(signal, noise=float(np.hypot(own, jitter)), resolution=step)
 
 
 _JITTER_S = 0.0003
