@@ -70,8 +70,9 @@ def answer_qos() -> QoSProfile:
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-_DEPTH = 10
-"""Messages that wait, so that a stop which is taken back at once is still seen."""
+_DEPTH = 100
+"""Messages that wait, so that a stop which is taken back, or what is said once, is still seen by one who was held up:
+2 s of 50 Hz."""
 
 
 class MessageInfo(NamedTuple):
@@ -106,7 +107,8 @@ def subscribe_to_any(
     A subscription asks for one quality, and publishers that offer less do not match it: so there are two or three, and
     a message comes up to three times, with the same info. That less was offered to one of them is no warning.
     """
-    profiles = [subscriber_qos(topic), newest_qos(_DEPTH)]
+    # All wait as long: what the shortest still has comes later than what it lost, and would make that look old.
+    profiles = [_profile(dataclasses.replace(subscribed(topic), depth=_DEPTH)), newest_qos(_DEPTH)]
     if subscribed(topic).latched:
         # of those that do not latch, as `ros2 topic pub` by default does not, a latched subscription sees nothing
         profiles.insert(1, _profile(Delivery(_DEPTH, reliable=True)))

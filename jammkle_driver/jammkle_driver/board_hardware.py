@@ -18,7 +18,7 @@ from jammkle_driver.hardware import Measured
 if TYPE_CHECKING:
     from jammkle_driver.board.protocol import Exchange
     from jammkle_driver.board.wiring import Wiring
-    from jammkle_driver.core.hardware import LinkStatus
+    from jammkle_driver.core.hardware import ActuatorCommand, LinkStatus
     from jammkle_driver.hardware import HardwareContext
     from jammkle_driver.parameters import DriverParameters
 
@@ -47,6 +47,7 @@ class BoardHardware(BoardLink):
         self._measured = Measured(context, self._wiring.sensors)
         self._shortest_s = math.inf
         self._closed = False
+        self._error: Exception | None = None
         self._came: deque[Exchange] = deque(maxlen=10)
         super().__init__(parameters.port, self._wiring, parameters.safe_state, self._hand_over)
 
@@ -87,7 +88,20 @@ class BoardHardware(BoardLink):
         if executor is not None:
             executor.create_task(self._deliver)
 
+    def apply(self, command: ActuatorCommand) -> None:
+        """Send a command with the next exchange."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+        super().apply(command)
+
     def _deliver(self) -> None:
+        try:
+            self._hand_on()
+        except Exception as error:  # noqa: BLE001 - of a task it would end the process without letting go
+            self._error = error
+
+    def _hand_on(self) -> None:
         while self._came and not self._closed:
             exchange = self._came.popleft()
             self._shortest_s = min(self._shortest_s, exchange.took_s)

@@ -128,7 +128,8 @@ class Measured:
         node = self._context.node
         now, steady_s = node.get_clock().now(), seconds(self._steady.now())
         if at_s is not None:
-            now, steady_s = now - Duration(nanoseconds=round((steady_s - at_s) * NANOSECONDS_PER_SECOND)), at_s
+            late_ns = round((steady_s - at_s) * NANOSECONDS_PER_SECOND)
+            now, steady_s = now - Duration(nanoseconds=min(late_ns, now.nanoseconds)), at_s  # a clock may begin at zero
         if taken is not None:
             self._taken.publish(actuator_states_message(taken, now.to_msg()))
             if timely:

@@ -108,6 +108,7 @@ class DriverNode(LockstepNode, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create topics and services; everything stays released, and requests are answered but refused."""
         self._outputs, self._reported = Outputs(self), None
+        self._closers.append(self._outputs.close)
         context = HardwareContext(
             self, self._on_sample, self._driver.take_driven, self._values, self._declared_ambient_pa
         )
@@ -149,15 +150,15 @@ class DriverNode(LockstepNode, LifecycleNode):
     def _close(self) -> None:
         self._driver.reset()
         self._refused_command = ""
-        if self._outputs is None or self._hardware is None:
-            return
-        self._hardware.apply(self._driver.command)
-        self._outputs.repeat_command(self._driver.command)
-        self._outputs.repeat_state(self._driver, self._refused_command)
-        # The hardware first: rclpy keeps Python's lock while it waits for a subscriber, and a killed one never answers.
-        self._hardware.close()
-        self._outputs.deliver()
-        for close in (*self._closers, self._outputs.close):
+        if self._outputs is not None and self._hardware is not None:
+            self._hardware.apply(self._driver.command)
+            self._outputs.repeat_command(self._driver.command)
+            self._outputs.repeat_state(self._driver, self._refused_command)
+            # The hardware first: rclpy keeps Python's lock while it waits for a subscriber, and a killed one never
+            # answers.
+            self._hardware.close()
+            self._outputs.deliver()
+        for close in reversed(self._closers):
             close()
         self._closers.clear()
         self._hardware = None
@@ -235,7 +236,10 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._settle(now)
 
     def _publication(self, topic: Topic, info: MessageInfo) -> Publication:
-        return Publication(info.number, info.sent_ns, self.count_publishers(topic.name))
+        return Publication(info.number, info.sent_ns, self._count_publishers(topic))
+
+    def _count_publishers(self, topic: Topic) -> int:
+        return self.count_publishers(self.resolve_topic_name(topic.name))  # which does not ask how it is remapped
 
     def _clear_fault(self) -> str:
         cleared = self._driver.clear_fault(self._now())
@@ -249,7 +253,7 @@ class DriverNode(LockstepNode, LifecycleNode):
 
     def _on_tick(self) -> None:
         now = self._now()
-        self._driver.tick(now, self.count_publishers(EMERGENCY_STOP.name))
+        self._driver.tick(now, self._count_publishers(EMERGENCY_STOP))
         if self._hardware is not None:
             self._look_at_link(self._hardware, now)
             self._driver.link_watch.count(self._hardware.link, now.steady_s)

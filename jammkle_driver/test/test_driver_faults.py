@@ -12,13 +12,22 @@ from hypothesis import strategies as st
 
 from fault_bench import SET_POINT_PA, bench_of, jammed_bench, run
 from jammkle_common.command.errors import InputError
+from jammkle_common.constants import STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import CHANNELS
 from jammkle_driver.core.air import Atmosphere
 from jammkle_driver.core.ankle import PumpLoad
 from jammkle_driver.core.channel import ChannelState
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Reason
-from jammkle_driver.core.hardware import MANIFOLD, LinkState, ResetCause, SafeCause, released
+from jammkle_driver.core.hardware import (
+    MANIFOLD,
+    ActuatorCommand,
+    LinkState,
+    PressureSample,
+    ResetCause,
+    SafeCause,
+    released,
+)
 from jammkle_driver.core.requests import RequestError, SetPoint
 from jammkle_driver.core.watch import Instant, OverloadWatch
 from jammkle_driver.fake import FakeFault, LinkFault, read_script
@@ -26,7 +35,6 @@ from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
     from fault_bench import FaultBench
-    from jammkle_driver.core.hardware import PressureSample
 
 
 def test_the_set_point_is_held_while_the_pump_mostly_rests() -> None:
@@ -396,3 +404,23 @@ def test_a_reading_that_is_no_number_never_reaches_the_filters() -> None:
         bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", value)
         run(bench, 0.2)
     assert all(math.isfinite(pressure_pa) for pressure_pa in bench.driver.ankle.diagnosis.estimate.pressures_pa)
+
+
+def test_one_absurd_reading_ends_nothing() -> None:
+    """A finite pressure that no sensor means is no reason to die with the ankle jammed."""
+    driver = Driver(CHANNELS, DriverParameters())
+    driver.activate(Instant(10.0, 10.0))
+    for k in range(100):
+        at_s = 10.0 + 0.01 * k
+        for place in (MANIFOLD, *CHANNELS):
+            pressure_pa = 1e160 if (k, place) == (60, CHANNELS[0]) else STANDARD_ATMOSPHERE_PA + k % 7
+            driver.measure(PressureSample(place, pressure_pa, at_s), Instant(at_s, at_s))
+    assert not driver.ankle.faulty
+
+
+def test_memory_does_not_grow_where_nothing_is_diagnosed() -> None:
+    """What the hardware drove is forgotten though nobody asks for evidence."""
+    driver = Driver(CHANNELS, DriverParameters(diagnose=False))
+    for k in range(6000):
+        driver.take_driven(ActuatorCommand(dict.fromkeys(CHANNELS, False), (k % 97) / 255.0), 0.01 * k)
+    assert len(driver.ankle.evidence._driven) < 1100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from pymodbus import ModbusException
 
+from jammkle_common.names import CHANNELS
 from jammkle_driver.board.line import Line, LineError
 from jammkle_driver.board.wiring import load_wiring
+from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.faults import Finding, Reason
 from jammkle_driver.core.hardware import LinkState, LinkStatus, ResetCause, SafeCause
 from jammkle_driver.core.watch import RESTART_REPORTED_S, LinkWatch
+from jammkle_driver.parameters import DriverParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -99,12 +103,32 @@ def test_a_board_that_starts_anew_is_reported_though_nothing_was_jammed() -> Non
     assert look(5.0 + RESTART_REPORTED_S + 1.0) is None
 
 
+def test_starts_of_the_next_board_are_counted_from_the_beginning() -> None:
+    """After cleanup and configure its count is another one, and a brown-out is reported as before."""
+    driver = Driver(CHANNELS, DriverParameters())
+    for starts in (1, 2, 3):
+        driver.link_watch.count(LinkStatus(LinkState.CONNECTED, starts=starts), 10.0 * starts)
+    driver.reset()
+    driver.link_watch.count(LinkStatus(LinkState.CONNECTED, starts=1), 1000.0)
+    assert driver.link_watch.restarted is None
+    driver.link_watch.count(LinkStatus(LinkState.CONNECTED, starts=2, reset_cause=ResetCause.BROWN_OUT), 1010.0)
+    assert driver.link_watch.restarted is not None
+
+
 def test_a_link_that_is_well_asks_for_nothing() -> None:
     """Nothing is failed and nothing acknowledged where nothing is wrong."""
     for jammed in (True, False):
         verdict = LinkWatch().look(HEALTHY, jammed=jammed)
         assert verdict.fault is None
         assert not verdict.acknowledge
+
+
+def test_a_device_that_does_not_take_its_settings_is_named() -> None:
+    """A pseudo terminal has no parity: one line with what was asked for, so that the link tries again."""
+    _, device = os.openpty()
+    line = Line(os.ttyname(device), replace(load_wiring(None), parity="E"))
+    with pytest.raises(LineError, match=r"cannot be set to \d+ baud, parity E, \d stop bits"):
+        asyncio.run(line.open())
 
 
 class SlowClient:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
@@ -194,20 +195,73 @@ def test_a_refusal_stays_until_a_command_is_taken(graph: Graph) -> None:
     graph.spin_until(lambda: not graph.ankle.states[-1].refused_command)
 
 
+def test_a_configuration_that_fails_leaves_nothing_behind(graph: Graph) -> None:
+    """Each time that hardware cannot be made, the topics of the try before are gone."""
+    driver = graph.driver(hardware="fake", autostart=False)
+    make = driver._make_hardware
+
+    def fail(_context: object) -> None:
+        msg = "the board file is gone"
+        raise ValueError(msg)
+
+    driver._make_hardware = fail
+    for _ in range(3):
+        driver.trigger_configure()
+    driver._make_hardware = make
+    driver.trigger_configure()
+    graph.spin_until(lambda: driver.count_publishers(names.PUMP_DUTY.name) == 1)
+
+
+@contextlib.contextmanager
+def process_of_its_own(graph: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a driver as its own process, which can be held up, and wait until it is soft."""
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with subprocess.Popen(
+        [sys.executable, "-m", "jammkle_driver", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))
+            yield process
+        finally:
+            process.kill()
+
+
 def test_what_is_sent_once_counts_with_a_driver_that_was_held_up(graph: Graph) -> None:
-    """The way back after a service is said once, and repeated set points follow it before the driver runs again."""
-    graph.jammable_driver()
-    publisher = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
-    graph.spin_until(lambda: publisher.get_subscription_count() == 2)
+    """The way back after a service is said once, a stop is pressed and let go: both count, whatever follows them."""
     points = [ChannelJamCommand(channel=channel, vacuum_pa=40e3) for channel in names.CHANNELS]
-    publisher.publish(JamCommand(channels=points))
-    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
-    assert graph.call(Unjam, names.UNJAM.path, channels=[]).success
-    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))
-    publisher.publish(JamCommand(channels=points, anew=True))
-    for _ in range(20):
-        publisher.publish(JamCommand(channels=points))
-    graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+    command = graph.node.create_publisher(JamCommand, names.JAM_COMMAND.name, publisher_qos(names.JAM_COMMAND))
+    stop = graph.node.create_publisher(Bool, names.EMERGENCY_STOP.name, publisher_qos(names.EMERGENCY_STOP))
+    with process_of_its_own(graph) as process:
+        graph.spin_until(lambda: command.get_subscription_count() == 2 and stop.get_subscription_count() == 3)
+        command.publish(JamCommand(channels=points))
+        graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+        assert graph.call(Unjam, names.UNJAM.path, channels=[]).success
+        graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.UNJAMMED))
+        process.send_signal(signal.SIGSTOP)
+        for number in range(25):
+            command.publish(JamCommand(channels=points, anew=number == 3))
+        process.send_signal(signal.SIGCONT)
+        graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+        process.send_signal(signal.SIGSTOP)
+        for number in range(25):
+            stop.publish(Bool(data=number < 5))
+        process.send_signal(signal.SIGCONT)
+        graph.spin_until(lambda: graph.ankle.states[-1].emergency_stopped and graph.ankle.released())
+
+
+def test_a_stop_by_another_name_is_not_taken_back_by_others(graph: Graph) -> None:
+    """With `emergency_stop` remapped, as for one stop of four ankles, a true counts while its publisher lives."""
+    hand, other = (graph.node.create_publisher(Bool, "/robot/e_stop", 10) for _ in range(2))
+    with process_of_its_own(graph, "--ros-args", "-r", "emergency_stop:=/robot/e_stop"):
+        graph.spin_until(lambda: {hand.get_subscription_count(), other.get_subscription_count()} == {2})
+        hand.publish(Bool(data=True))
+        graph.spin_until(lambda: graph.ankle.states[-1].emergency_stopped)
+        begun = len(graph.ankle.states)
+        graph.spin_until(lambda: len(graph.ankle.states) > begun + 4)  # 2 s: those who left would count as gone
+        other.publish(Bool(data=False))
+        begun = len(graph.ankle.states)
+        graph.spin_until(lambda: len(graph.ankle.states) > begun + 1)
+        assert "still true" in graph.call(Trigger, names.CLEAR_FAULT.path).message
 
 
 def test_two_that_command_at_once_are_reported(graph: Graph) -> None:

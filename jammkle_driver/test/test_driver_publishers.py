@@ -106,6 +106,31 @@ def test_a_publisher_that_has_left_asks_until_another_says_false() -> None:
     assert not scene.stop.clear(scene.now)
 
 
+@pytest.mark.parametrize("first", [1, 5])
+def test_a_true_that_its_own_false_overtakes_stops(first: int) -> None:
+    """Of two subscriptions the newer message may come first: the stop holds, and nobody is left who still asks."""
+    scene = Scene(1)
+    if first > 1:
+        scene.stop.take(Publication(first - 1, 50, 1), scene.now, stop=False)
+    scene.stop.take(Publication(first + 1, 200, 1), scene.now, stop=False)
+    scene.stop.take(Publication(first, 100, 1), scene.now, stop=True)
+    assert scene.stop.reason
+    assert not scene.stop.clear(scene.now)
+    scene.stop.take(Publication(first, 100, 1), scene.now, stop=True)
+    assert not scene.stop.reason, "what is delivered twice stops once"
+
+
+def test_a_stop_node_that_is_started_anew_takes_back_its_own_stop() -> None:
+    """It died while true, and is there again before its end was seen, publishing on change: its second false counts."""
+    scene = Scene(1)
+    scene.publish(scene.sources[0], stop=True)
+    scene.sources = [Source()]
+    scene.publish(scene.sources[0], stop=False)
+    scene.wait(3.0)
+    scene.publish(scene.sources[0], stop=False)
+    assert not scene.stop.clear(scene.now)
+
+
 def test_each_publisher_must_live() -> None:
     """Silence of one is a stop though the other goes on; once cleared, one that never comes back is missed no more."""
     scene = Scene(2, timeout_s=1.0)

@@ -156,7 +156,15 @@ class Line:
             parts = urlsplit(self._port)
             self._client = AsyncModbusTcpClient(str(parts.hostname), port=parts.port or TCP_PORT, **options)
         asyncio.get_running_loop().set_exception_handler(_pass_on_defects)
-        if not await self._client.connect():
+        try:
+            connected = await self._client.connect()
+        except (OSError, ValueError, termios.error) as error:  # of a device that has been pulled out, or of settings
+            self.close()
+            wiring = self._wiring
+            asked = f"{wiring.baud_rate} baud, parity {wiring.parity}, {wiring.stop_bits} stop bits"
+            msg = f"{self._port} cannot be set to {asked}: {error}; look at the board file and the adapter"
+            raise LineError(msg) from error
+        if not connected:
             self.close()
             why = "in use by another program, or no serial device" if self._serial else "nobody answers there"
             msg = f"{self._port} cannot be opened: {why}"

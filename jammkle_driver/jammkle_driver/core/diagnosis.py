@@ -141,6 +141,12 @@ class Evidence:
     def _drive(self, command: ActuatorCommand, stamp_s: float) -> None:
         if not self._driven or command != self._driven[-1][1]:
             self._driven.append((stamp_s, command))
+        while len(self._driven) > 1 and self._driven[1][0] < stamp_s - _LONGEST_KEPT_S:  # nobody may ask what is due
+            self._driven.popleft()
+
+
+_LONGEST_KEPT_S = 10.0
+"""How long what was driven is kept at the most, s: readings that come later are no evidence."""
 
 
 THRESHOLD = 45.0

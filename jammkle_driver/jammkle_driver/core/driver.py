@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from jammkle_common.names import WAY_BACK
@@ -47,6 +46,10 @@ class Trouble(NamedTuple):
 
 
 INACTIVE = "driver is not active"
+
+
+_FARTHEST_PA = 1e7
+"""Reading beyond which a sensor says no more than that it is broken, Pa: the atmosphere a hundred times."""
 
 
 class Driver:
@@ -128,7 +131,7 @@ class Driver:
         """Be as new, inactive; only an emergency stop stays."""
         self.ankle.reset()
         self._sensors.forget()
-        self.link_watch.clear()
+        self.link_watch = LinkWatch()  # the next link counts from the beginning
         self.deactivate()
         # The ticks end with this configuration: until the next one nobody stands still.
         self.own_pace, self._ticked_s = OverloadWatch(TICK_PERIOD_S), None
@@ -270,8 +273,8 @@ class Driver:
         return f"cleared: {', '.join(cleared)}; vented until asked anew: {WAY_BACK}" if cleared else "nothing to clear"
 
     def measure(self, sample: PressureSample, now: Instant) -> None:
-        """Take a pressure sample. One that is not a finite number, or of a plant that is paused, is ignored."""
-        valid = math.isfinite(sample.pressure_pa) and not self._link.paused
+        """Take a pressure sample. One that is no pressure, or of a plant that is paused, is ignored."""
+        valid = abs(sample.pressure_pa) <= _FARTHEST_PA and not self._link.paused  # NaN is not
         self._sensors.take(sample.place, valid=valid)
         if not valid:
             return

@@ -139,8 +139,8 @@ GONE_AFTER_S = 1.0
 
 Assumed; discovery on one machine takes about 0.3 s.
 """
-_REMEMBERED = 256
-"""Messages whose second delivery, by another subscription, is known: 2 s of six publishers at 20 Hz."""
+_REMEMBERED = 1024
+"""Messages whose second delivery, by another subscription, is known: all that wait, 100 each of ten publishers."""
 
 
 class Publication(NamedTuple):
@@ -200,9 +200,16 @@ class Publishers(Generic[Value]):
                 return None
             publisher = Publisher(number, sent_ns, now_s, value)
             self.all.append(publisher)
+        was_gone = publisher.gone
         publisher.number, publisher.sent_ns, publisher.value = number, sent_ns, value
         publisher.received_s, publisher.gone = now_s, False
+        if was_gone:  # it was another one that has left
+            self._part(publishers, [each for each in self.all if not each.gone and each is not publisher])
         return publisher
+
+    def has_seen(self, publication: Publication) -> bool:
+        """Return whether a message was taken before, as by another subscription."""
+        return publication.number > 0 and publication[:2] in self._seen
 
     def count(self, publishers: int, now_s: float) -> None:
         """Take how many publishers the graph knows now."""
@@ -216,11 +223,15 @@ class Publishers(Generic[Value]):
         since_s = self._too_many_since_s = min(self._too_many_since_s, now_s)
         if now_s - since_s < GONE_AFTER_S:
             return
-        silent = [each for each in present if each.received_s <= since_s]
-        silent.sort(key=lambda each: (each.value == self._keep, each.received_s))
-        for each in silent[:too_many]:
-            each.gone = True
+        self._part(publishers, [each for each in present if each.received_s <= since_s])
         self._too_many_since_s = None
+
+    def _part(self, publishers: int, silent: list[Publisher[Value]]) -> None:
+        """Count as many of the silent ones as gone as there are too many; see `__init__` for who is the last."""
+        too_many = sum(not each.gone for each in self.all) - publishers
+        silent.sort(key=lambda each: (each.value == self._keep, each.received_s))
+        for each in silent[: max(too_many, 0)]:
+            each.gone = True
 
     def forget_gone(self) -> None:
         """Forget those that are no longer in the graph."""
@@ -239,7 +250,7 @@ class Publishers(Generic[Value]):
 
     def _is_late(self, publication: Publication) -> bool:
         newer = (each.number > publication.number and each.sent_ns > publication.sent_ns for each in self.all)
-        return publication.number > 1 and self._knows_all(publication) and any(newer)
+        return self._knows_all(publication) and any(newer)
 
     def _knows_all(self, publication: Publication) -> bool:
         return sum(not each.gone for each in self.all) >= publication.publishers
@@ -352,7 +363,10 @@ class EmergencyStop:
     def take(self, publication: Publication, now: Instant, *, stop: bool) -> None:
         """Take a message."""
         self._silence.feed(now)
+        is_new = not self._publishers.has_seen(publication)
         if self._publishers.take(stop, publication, now.graph_s) is None:
+            if stop and is_new:  # overtaken by what its publisher has said since: it did ask
+                self.reason = self.reason or "emergency_stop was true"
             return
         if stop:
             self.reason = self.reason or "emergency_stop is true"
