@@ -242,6 +242,8 @@ class Liveness:
         since_s = now_s - self._looked_s
         if since_s > 1.5 * PERIOD_S:
             self._last_s = {name: last_s + since_s for name, last_s in self._last_s.items()}
+        elif since_s < 0.0:  # the clock was set back
+            self._last_s = {name: min(last_s, now_s) for name, last_s in self._last_s.items()}
         self._looked_s = now_s
         return frozenset(name for name, last_s in self._last_s.items() if now_s - last_s <= MISSED_AFTER_S)
 

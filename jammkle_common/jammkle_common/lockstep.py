@@ -74,6 +74,7 @@ class LockstepNode(Node):
         self._tick_received_s = time.monotonic()
         self._in_step = False
         self._waiting: list[_Waiting] = []
+        self._stayed, self._delivered_ns = 0, -1
         self._regular: list[_Regular] = []
         self._at_first_tick: list[Callable[[], object]] = []
         self._done: Publisher | None = None
@@ -199,14 +200,19 @@ class LockstepNode(Node):
 
     def _deliver(self, time_ns: int) -> None:
         """Deal with what waits, apart from what another node has sent in this very step: it may come, or not yet."""
+        stayed, self._stayed = (self._stayed if time_ns == self._delivered_ns else 0), 0
+        self._delivered_ns = time_ns
         if not self._waiting:
             return
         waiting, self._waiting = self._waiting, []
-        early = [each for each in waiting if each.topic and each.stamp_ns != time_ns]
+        # A tick that is repeated is no step: what has waited for it since the one before has come.
+        early = [each for k, each in enumerate(waiting) if each.topic and (each.stamp_ns != time_ns or k < stayed)]
         early.sort(key=lambda each: (each.stamp_ns, each.topic))
         for each in (*early, *(each for each in waiting if not each.topic)):
             each.deliver()
-        self._waiting[:0] = [each for each in waiting if each.topic and each.stamp_ns == time_ns]
+        kept = [each for k, each in enumerate(waiting) if each.topic and each.stamp_ns == time_ns and k >= stayed]
+        self._waiting[:0] = kept
+        self._stayed = len(kept)
 
 
 def _stamp_ns(message: Any) -> int:

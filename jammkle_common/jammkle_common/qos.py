@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import (
     CLOCK,
     DIAGNOSTICS,
@@ -117,6 +118,30 @@ def subscribe_to_any(
         node.create_subscription(message_type, topic.name, with_info(callback), profile, event_callbacks=silent)
         for profile in profiles
     )
+
+
+def subscribe_to_changes(node: Node, message_type: type, topic: Topic, callback: Callable[[Any], None]) -> None:
+    """Subscribe to measurements that may be published on change only, and then latched, by whoever does so.
+
+    Beside those that come, what a latched publisher has said last before is received once.
+    """
+    latest_ns = 0
+
+    def take(message: Any, info: MessageInfo) -> None:
+        nonlocal latest_ns
+        # what the other subscription had first; further back it is another publisher's clock
+        if not 0 <= latest_ns - info.sent_ns < NANOSECONDS_PER_SECOND:
+            latest_ns = info.sent_ns
+            callback(message)
+
+    def take_latched(message: Any, info: MessageInfo) -> None:
+        if info.sent_ns > latest_ns:
+            take(message, info)
+
+    latched = _profile(Delivery(1, reliable=True, latched=True))
+    silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+    node.create_subscription(message_type, topic.name, with_info(take), subscriber_qos(topic))
+    node.create_subscription(message_type, topic.name, with_info(take_latched), latched, event_callbacks=silent)
 
 
 def _read(info: Mapping[str, int | None]) -> MessageInfo:

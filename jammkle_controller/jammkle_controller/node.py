@@ -20,7 +20,7 @@ from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.messages import Health, Level
 from jammkle_common.parameters import ParameterError, declare, on_change
-from jammkle_common.qos import publisher_qos, subscriber_qos
+from jammkle_common.qos import publisher_qos, subscribe_to_changes, subscriber_qos
 from jammkle_controller.conversions import (
     DriverView,
     contact_event_message,
@@ -130,12 +130,9 @@ class ControllerNode(LockstepNode):
         self._liveness = Liveness(self)
         self.create_subscription(JamState, names.JAM_STATE.name, self._on_driver, subscriber_qos(names.JAM_STATE))
         self.create_subscription(Imu, names.IMU.name, self._on_imu, subscriber_qos(names.IMU), raw=True)
-        for kind, topic in (
-            (Bool, names.FOOT_CONTACT),
-            (Bool, names.PLANNED_CONTACT),
-            (Float32, names.GAIT_PHASE),
-            (JointState, names.JOINT_STATES),
-        ):
+        for topic in (names.FOOT_CONTACT, names.PLANNED_CONTACT):
+            subscribe_to_changes(self, Bool, topic, partial(self._on_input, topic))
+        for kind, topic in ((Float32, names.GAIT_PHASE), (JointState, names.JOINT_STATES)):
             self._receive(kind, topic, topic.name)
         self.create_subscription(
             WrenchStamped, names.LOAD_CELL.name, self._on_load, subscriber_qos(names.LOAD_CELL), raw=True
@@ -205,6 +202,9 @@ class ControllerNode(LockstepNode):
         )
 
     def _repeat(self) -> None:
+        self._freshness.observe(self._controller.gate.counts, self.now_s())
+        if self._freshness.stale:
+            self._take(self._controller.go_on(self.get_clock().now().nanoseconds), "")
         if self._auto:
             self._command()
         self._publish_contact()

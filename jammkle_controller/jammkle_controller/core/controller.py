@@ -157,6 +157,7 @@ class AnkleController:
         event = self.detector.update(sample, stands=self.contact.contact is Contact.CONTACT)
         if gate.count(Admission.RESTARTED) != restarts:
             self._rhythm.forget()
+            self.inputs.forget()
             self._forget_contact()
         if gate.last_ns != stamp_before_ns:
             self.policy.advance(sample.time_ns)
@@ -177,6 +178,16 @@ class AnkleController:
         if foreseen_ns is not None:
             self.policy.foresee(foreseen_ns)
         return self._reaction(reported, before_pa, sample.time_ns)
+
+    def go_on(self, time_ns: int) -> Reaction:
+        """Take the time, ns, in place of an IMU that is silent: what else shows contact is followed."""
+        if not self.inputs.shows_contact(time_ns):
+            return _NOTHING
+        before_pa = self.policy.set_points_pa
+        self.policy.advance(time_ns)
+        self._look_at_imu(time_ns)
+        self._take_up_what_stands(time_ns)
+        return self._reaction((), before_pa, time_ns)
 
     def take(self, received: Received) -> Reaction:
         """Take whatever is received, by the time at which it came: an odometry's own stamp is earlier."""
@@ -318,7 +329,7 @@ class AnkleController:
         return True
 
     def _react(self, event: ContactEvent) -> None:
-        roll_rad = self.inputs.roll_rad or 0.0
+        roll_rad = (self.inputs.roll_rad or 0.0) if self.inputs.shows_angles(event.time_ns) else 0.0
         if event.kind is ContactKind.SLIP and abs(roll_rad) >= LEANING_RAD:
             # A foot rolled onto its left edge is turned about -x, and stretches the left tendon.
             event = dataclasses.replace(event, direction=(0.0, -1.0 if roll_rad > 0.0 else 1.0, 0.0))

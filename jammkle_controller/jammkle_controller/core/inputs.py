@@ -66,6 +66,8 @@ class GaitPhase:
 
     SILENT_S = 0.3
     """A phase that was not received for so long is not one to plan with, s."""
+    SLOWEST_HZ = 0.05
+    """Rate below which a phase stands still, Hz: a stride of 20 s."""
 
     def __init__(self) -> None:
         """Know no phase."""
@@ -75,11 +77,14 @@ class GaitPhase:
         self._early_s = 0.0
 
     def on_phase(self, phase: float, time_ns: int) -> None:
-        """Take the phase, 0 to 1, at a time, ns."""
+        """Take the phase, 0 to 1, at a time, ns; of several at one reading of the clock the first."""
+        if time_ns == self._time_ns:
+            return
         if self._time_ns is not None and 0 < time_ns - self._time_ns < self.SILENT_S * NANOSECONDS_PER_SECOND:
-            gained = (phase - self._phase) % 1.0
+            gained = (phase - self._phase + 0.5) % 1.0 - 0.5  # one that stands may jitter backwards
             rate_hz = gained * NANOSECONDS_PER_SECOND / (time_ns - self._time_ns)
-            self._rate_hz = rate_hz if self._rate_hz == 0.0 else self._rate_hz + 0.2 * (rate_hz - self._rate_hz)
+            rate_hz = rate_hz if self._rate_hz == 0.0 else self._rate_hz + 0.2 * (rate_hz - self._rate_hz)
+            self._rate_hz = rate_hz if rate_hz >= self.SLOWEST_HZ else 0.0
         elif self._time_ns is not None:
             self._rate_hz = 0.0
         self._phase, self._time_ns = phase, time_ns
@@ -117,6 +122,15 @@ LOAD_MEMORY_S = 2.0
 """Time constant of the usual load, s, in which only a foot that stands counts: some strides."""
 LOAD_CONFIRM_S = 0.02
 """A load must be so long on one side, s: a hard landing bounces for some ms."""
+LOAD_FORGOTTEN_S = 60.0
+"""Time constant, s, in which a usual load fades that the foot does not come near to, as of readings that were wrong.
+Chosen: many swings, which are loads of 0, too."""
+FADED_SHARE = 0.1
+"""Share of it that stays, so that a robot which hangs for minutes is not taken to stand by the cell's noise."""
+LOAD_JUMP = 10.0
+"""A reading counts as this many usual loads at the most, so that one that is wrong does not set the usual one."""
+FIRST_LOADS = 3
+"""Readings whose median is the first usual load."""
 LEAST_LOAD_N = 1.0
 """A cell that never reads more says nothing of contact, N."""
 SILENT_S = 0.5
@@ -176,6 +190,9 @@ class ContactInputs:
         self._received_ns: dict[Input, int] = {}
         self._in_contact: dict[Input, bool] = {}
         self._usual_load_n = 0.0
+        self._loads_n: deque[float] = deque(maxlen=FIRST_LOADS)
+        self._loads = 0
+        self._borne_n = 0.0
         self._load_side: bool | None = None
         self._load_side_ns = 0
         self._paired_ns: int | None = None
@@ -239,10 +256,19 @@ class ContactInputs:
         before_ns = self._received_ns.get(Input.LOAD, time_ns)
         elapsed_s = max(0.0, (time_ns - before_ns) / NANOSECONDS_PER_SECOND)
         self._received_ns[Input.LOAD] = time_ns
-        if self._usual_load_n == 0.0:
-            self._usual_load_n = max(0.0, load_n)
-        if load_n > UNLOADED_SHARE * self._usual_load_n:
-            self._usual_load_n += (load_n - self._usual_load_n) * elapsed_s / (elapsed_s + LOAD_MEMORY_S)
+        self._loads_n.append(load_n)
+        self._loads += 1
+        before_n = self._usual_load_n
+        if self._loads <= FIRST_LOADS or self._usual_load_n < LEAST_LOAD_N:
+            self._usual_load_n = max(0.0, statistics.median(self._loads_n))
+        elif load_n > UNLOADED_SHARE * self._usual_load_n:
+            counted_n = min(load_n, LOAD_JUMP * self._usual_load_n)
+            self._usual_load_n += (counted_n - self._usual_load_n) * elapsed_s / (elapsed_s + LOAD_MEMORY_S)
+        else:
+            faded_n = self._usual_load_n * math.exp(-elapsed_s / LOAD_FORGOTTEN_S)
+            self._usual_load_n = max(faded_n, FADED_SHARE * self._borne_n, LEAST_LOAD_N)
+        if self._usual_load_n >= before_n:
+            self._borne_n = self._usual_load_n
         if self._usual_load_n < LEAST_LOAD_N:
             return None
         share = load_n / self._usual_load_n
@@ -307,6 +333,10 @@ class ContactInputs:
         ankle_knows_better = Input.ANKLE in self._in_contact and self._is_recent(Input.ANKLE, time_ns)
         return None if ankle_knows_better else change
 
+    def forget(self) -> None:
+        """Forget when anything was received: the clock was set back. A switch counts until it says something else."""
+        self._received_ns = {each: 0 for each in self._received_ns if each is Input.CONTACT_SWITCH}
+
     def fly(self) -> None:
         """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
         if self._ankle_contact is not None:
@@ -315,7 +345,7 @@ class ContactInputs:
 
     def on_ankle(self, reading: AnkleReading, time_ns: int) -> ContactEvent | None:
         """Take angles and rates of the ankle, where its foot hangs toe-down."""
-        if self._ankle_contact is None:
+        if self._ankle_contact is None or not all(map(math.isfinite, reading)):
             return None
         self._received_ns[Input.ANKLE] = time_ns
         change = self._ankle_contact.update(reading, time_ns)

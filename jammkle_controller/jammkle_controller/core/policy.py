@@ -181,7 +181,8 @@ class JammingPolicy:
         self._first: tuple[str, ...] = ()
         self._touchdown_ns: int | None = None
         self._fall: Fall | None = None
-        self._chosen_pa: Mapping[str, float] = dict.fromkeys(CHANNELS, 0.0)
+        self._braced: tuple[str, ...] = ()
+        self._goes_full = False
         self._begun_ns: int | None = None
         self._given_up_ns: int | None = None
         self.borne_kg = 0.0
@@ -205,6 +206,12 @@ class JammingPolicy:
             SetPoint.KEEP: self._kept,
         }
         return wanted[SET_POINTS[self.state]]
+
+    @property
+    def _chosen_pa(self) -> Mapping[str, float]:
+        """What was chosen for this landing, Pa, by the parameters as they are now."""
+        vacuum_pa = self.parameters.full_vacuum_pa if self._goes_full else self.parameters.hold_vacuum_pa
+        return {channel: vacuum_pa if channel in self._braced else 0.0 for channel in CHANNELS}
 
     @property
     def _fixed_pa(self) -> float | None:
@@ -241,9 +248,9 @@ class JammingPolicy:
         """Begin to evacuate for a touch-down that is foreseen, or give it up."""
         missed = ahead_ns < -_nanoseconds(MISSED_S)
         # A foot is put down slowly, so that it may be met soft: its fibres begin to grip as it touches.
-        lead_s = self._air(CHANNELS).until_s(LandingModel().onset_pa)
+        lead_s = min(self._air(CHANNELS).until_s(LandingModel().onset_pa), LONGEST_FALL_S)
         if self.state is PolicyState.SWING and not missed and ahead_ns <= _nanoseconds(lead_s):
-            self._choose(CHANNELS, self.parameters.hold_vacuum_pa)
+            self._choose(CHANNELS)
             self._take(Trigger.FORESEEN)
         elif self.state is PolicyState.PREPARING and missed:
             self._given_up_ns, self._touchdown_ns = self._touchdown_ns, None
@@ -259,10 +266,10 @@ class JammingPolicy:
         parameters = self.parameters
         if self._fall is None and parameters.takes_blows and self.state in (PolicyState.SWING, PolicyState.PREPARING):
             mass_kg, travel = max(parameters.load_kg, self.borne_kg), parameters.landing_travel_m
-            self._fall = Fall(begin_ns, mass_kg, travel, parameters.full_vacuum_pa, self._air(self._braced))
+            self._fall = Fall(begin_ns, mass_kg, travel, parameters.full_vacuum_pa, self._air(self._able))
 
     @property
-    def _braced(self) -> tuple[str, ...]:
+    def _able(self) -> tuple[str, ...]:
         """Channels that are evacuated for the landing of a fall."""
         full = self.stored.reservoir_m3 > 0.0 and self.stored.vacuum_pa >= self.parameters.hold_vacuum_pa
         return (ACHILLES,) if full else CHANNELS
@@ -274,18 +281,18 @@ class JammingPolicy:
         """Begin to evacuate, or go for more, as the fall asks for it."""
         parameters = self.parameters
         if self.state is PolicyState.SWING and fall.must_begin(time_ns):
-            self._choose(self._braced, parameters.hold_vacuum_pa)
+            self._choose(self._able)
             self._take(Trigger.FALLING)
-        if self.state is PolicyState.PREPARING and max(self._chosen_pa.values()) < parameters.full_vacuum_pa:
+        if self.state is PolicyState.PREPARING and not self._goes_full:
             ahead_ns = _nanoseconds(min(fall.air.until_s(parameters.hold_vacuum_pa), LONGEST_FALL_S))
             if fall.needed_pa(time_ns + ahead_ns - _nanoseconds(HALF_WAY_S)) > parameters.hold_vacuum_pa:
-                self._choose(self._braced, parameters.full_vacuum_pa)
+                self._goes_full = True
 
-    def _choose(self, channels: tuple[str, ...], vacuum_pa: float) -> None:
+    def _choose(self, channels: tuple[str, ...]) -> None:
+        """Begin to evacuate channels for a landing; those that have begun go on."""
         if self._begun_ns is None:
             self._begun_ns = self._now_ns
-        braced = tuple(channel for channel, chosen_pa in self._chosen_pa.items() if chosen_pa > 0.0) or channels
-        self._chosen_pa = {channel: vacuum_pa if channel in braced else 0.0 for channel in CHANNELS}
+        self._braced = self._braced or channels
 
     def _note_landing(self, time_ns: int) -> None:
         """Note what a touch-down finds, and make up for what could not be known or reached."""
@@ -293,7 +300,7 @@ class JammingPolicy:
         if self._fall is not None:
             self.landing = self._fall.landing(time_ns, self._begun_ns)
             if self.landing.reached_pa < self.landing.chosen_pa - LEVEL_PA:
-                self._chosen_pa = dict.fromkeys(CHANNELS, parameters.full_vacuum_pa)
+                self._braced, self._goes_full = CHANNELS, True
         elif self._begun_ns is not None:
             reached_pa = self._air(CHANNELS).after_pa((time_ns - self._begun_ns) / NANOSECONDS_PER_SECOND)
             why = "foreseen by the gait or its rhythm"
@@ -368,7 +375,7 @@ class JammingPolicy:
             self._given_up_ns = None
         if following is PolicyState.SWING:
             self._fall = self._begun_ns = None
-            self._chosen_pa = dict.fromkeys(CHANNELS, 0.0)
+            self._braced, self._goes_full = (), False
         if following is not PolicyState.SLIPPING and following is not PolicyState.RECOVERING:
             self._first = ()
         self.state = following

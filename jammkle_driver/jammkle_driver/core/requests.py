@@ -213,6 +213,8 @@ class Publishers(Generic[Value]):
 
     def count(self, publishers: int, now_s: float) -> None:
         """Take how many publishers the graph knows now."""
+        for each in self.all:
+            each.received_s = min(each.received_s, now_s)  # the clock of a simulation that was started anew
         present = [each for each in self.all if not each.gone]
         too_many = len(present) - publishers
         if too_many <= 0:
