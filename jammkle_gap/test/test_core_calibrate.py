@@ -95,6 +95,15 @@ def test_runs_that_are_made_coarsely_give_slopes_alone() -> None:
     assert found.after < found.before / 100.0
 
 
+def test_a_constant_is_reported_where_it_is_used() -> None:
+    """One whose references lie beyond its bounds is at the bound, in deviations too, and not where nothing is run."""
+    given = problem(Counted())
+    spring, lamp = given.constants
+    found = calibrated(replace(given, constants=(replace(spring, minimum=0.9, maximum=1.1), lamp)))
+    assert found.values["spring.stiffness"] == pytest.approx(1.1)
+    assert found.deviations["spring.stiffness"] == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("count", [5, 0])
 def test_a_machine_that_cannot_make_all_runs_is_not_calibrated(count: int) -> None:
     """Its simulation blows up at the inputs of one faulty run: the nominal machine is compared with, and no error."""

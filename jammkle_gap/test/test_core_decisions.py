@@ -164,6 +164,16 @@ def scattered_along(random: np.random.Generator, *spreads: float) -> Difference:
     return Difference(np.zeros(2 * len(spreads)), (), tuple(settings))
 
 
+def test_a_setting_without_repeats_says_nothing_of_scatter() -> None:
+    """Where half of a signature shows in one, healthy runs scatter along it as where they were repeated."""
+    difference = scattered_along(np.random.default_rng(25), 3.0, 3.0)
+    first, second = difference.settings
+    alone = replace(difference, settings=(first, replace(second, freedom=0)))
+    both, one = np.array([1.0, 0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    expected = spread_along(difference, one, CONSTANTS).variance
+    assert spread_along(alone, both, CONSTANTS).variance == pytest.approx(expected)
+
+
 def test_scatter_in_one_setting_has_the_freedom_of_its_runs() -> None:
     """Runs of settings in which a signature does not show say nothing of how healthy runs scatter along it."""
     random = np.random.default_rng(24)

@@ -85,6 +85,9 @@ def calibrate(
     references = _References([setting for setting, _ in used], [slope for _, _, slope in referenced], problem, runner)
     count = len(problem.constants)
     place = np.zeros(count)
+    bounds = [((each.minimum - each.null) / each.sigma, (each.maximum - each.null) / each.sigma)
+              for each in problem.constants]  # fmt: skip
+    lowest, highest = np.array(bounds).T
     nominal = references.left(place)
     current = nominal
     covariance = np.eye(count)
@@ -105,9 +108,10 @@ def calibrate(
             total = variance + bins_per_block * _beyond(current - jacobian @ step, variance, blocks)
         before = _objective(current, total, place)
         for _ in range(_HALVINGS):
-            made = references.left(place + step)
-            if _objective(made, total, place + step) < before:
-                place, current = place + step, made
+            tried = np.clip(place + step, lowest, highest)
+            made = references.left(tried)
+            if _objective(made, total, tried) < before:
+                place, current = tried, made
                 break
             step = step / 2.0
         else:
