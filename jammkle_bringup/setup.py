@@ -38,8 +38,8 @@ setup(
             "robot_names = jammkle_bringup.robot_names:main",
         ],
         "jammkle.commands": [
-            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("up", "jam", "unjam", "status", "record", "demo")),
-            "exercise = jammkle_bringup.commands:app",
+            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("up", "jam", "unjam", "call", "status", "record")),
+            *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "exercise")),
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("info", "recover", "export", "plot", "rename")),
         ],
         "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],

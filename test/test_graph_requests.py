@@ -121,6 +121,27 @@ def test_a_vacuum_beyond_the_limit_is_bad_input(graph: tuple[Up, Probe], begin: 
     assert not commanded(probe)
 
 
+def test_a_service_is_called_from_the_shell(graph: tuple[Up, Probe], begin: Callable[..., Up], tmp_path: Path) -> None:
+    """What nodes name as the way out can be typed: with a value where it takes one; a bad call is refused at once."""
+    _, probe = graph
+    assert begin("call", "driver/achilles/jam", "true").wait() == 0
+    assert commanded(probe)
+    answer = tmp_path / "answer.json"
+    for words in (["driver/unjam_all", "--json", str(answer)], ["/driver/clear_fault"]):
+        process = begin("call", *words)
+        assert process.wait() == 0, process.text()
+    assert json.loads(answer.read_text())["success"]
+    assert not commanded(probe)
+    for words, said in (
+        (["driver/soleus/jam", "true"], "is not one of"),
+        (["controller/set_auto"], "takes true or false"),
+        (["driver/clear_fault", "true"], "takes no value"),
+    ):
+        refused = begin("call", *words)
+        assert refused.wait() == 2
+        assert said in refused.text()
+
+
 def commanded(probe: Probe) -> bool:
     """Whether the driver says from now on that a vacuum is commanded."""
     before = len(probe.received[JAM_STATE.name])

@@ -1,4 +1,4 @@
-"""`jammkle jam`, `jammkle unjam` and `jammkle status`: clients of a running graph.
+"""`jammkle jam`, `unjam`, `call` and `status`: clients of a running graph.
 
 What comes from the graph is turned here into what people read: vacuums in kPa, gauge, positive; words for states.
 """
@@ -14,13 +14,27 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rich.markup import escape
 from rich.table import Table
+from std_srvs.srv import SetBool, Trigger
 
 from jammkle_bringup.graph_client import ANSWER_TIMEOUT_S, GraphClient, below
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import LIVENESS_LINE, MISSED_AFTER_S, reporting
-from jammkle_common.names import CHANNELS, DIAGNOSTICS, DRIVER_NODE, JAM, JAM_STATE, UNJAM, relative, resolved
+from jammkle_common.names import (
+    CHANNELS,
+    DIAGNOSTICS,
+    DRIVER_NODE,
+    JAM,
+    JAM_STATE,
+    SERVICES,
+    SET_BOOL,
+    SIM_NODE,
+    TRIGGER,
+    UNJAM,
+    relative,
+    resolved,
+)
 from jammkle_common.qos import subscriber_qos
 from jammkle_msgs.msg import ChannelJamState, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -43,10 +57,16 @@ _PACE = "achieved real-time factor"
 
 @dataclass(frozen=True)
 class Answer:
-    """The driver's answer to a request."""
+    """A node's answer to a request."""
 
     success: bool
     message: str
+
+
+@dataclass(frozen=True)
+class JamAnswer(Answer):
+    """The driver's answer to a request to jam or unjam."""
+
     channels: tuple[str, ...]
     vacuum_kpa: float
 
@@ -137,9 +157,48 @@ def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], b
     return _answered(answers, channels, 0.0)
 
 
+CALLED = {each.path: each for each in SERVICES if each.service_type in {TRIGGER, SET_BOOL}}
+"""Services that need no more than true or false, by name relative to the namespace."""
+
+
+def call(
+    namespace: str,
+    service: str,
+    value: bool | None,  # noqa: FBT001 - as the service has it
+    asked_to_stop: Callable[[], bool],
+) -> dict[str, Answer]:
+    """Call a service of a node, of each of a robot's ankles where it is theirs.
+
+    Args:
+        namespace: Of the ankle or the robot, normalised.
+        service: One of `CALLED`.
+        value: For those that take one.
+        asked_to_stop: Ends it early.
+
+    Raises:
+        InputError: an unknown service, or a value that it does not take, or takes and has not got.
+        GraphError: nobody answers.
+
+    """
+    known = CALLED.get(service.strip("/"))
+    if known is None:
+        msg = f"service '{service}' is not one of {', '.join(CALLED)}"
+        raise InputError(msg)
+    takes_value = known.service_type == SET_BOOL
+    if takes_value is (value is None):
+        msg = f"{service} {'takes true or false' if takes_value else 'takes no value'} ({known.note})"
+        raise InputError(msg)
+    kind: Any = SetBool if takes_value else Trigger
+    request = kind.Request() if value is None else kind.Request(data=value)
+    with GraphClient(namespace, asked_to_stop) as client:
+        ankles = ("",) if known.node == SIM_NODE else client.ankles()
+        answers = {ankle: client.call(below(ankle, known.path), kind, request) for ankle in ankles}
+    return {ankle: Answer(each.success, each.message) for ankle, each in answers.items()}
+
+
 def _answered(answers: Mapping[str, Any], channels: Sequence[str], vacuum_kpa: float) -> dict[str, Answer]:
     asked = tuple(channels) or CHANNELS
-    return {ankle: Answer(each.success, each.message, asked, vacuum_kpa) for ankle, each in answers.items()}
+    return {ankle: JamAnswer(each.success, each.message, asked, vacuum_kpa) for ankle, each in answers.items()}
 
 
 def _check_channels(channels: Sequence[str]) -> None:

@@ -121,8 +121,24 @@ def unjam(channels: ChannelsArgument = None, namespace: NamespaceOption = "/", j
     return _answered(ask(normalised(namespace), channels or [], StopRequest()), json)
 
 
+@app.command(rich_help_panel=ON_THE_GRAPH)
+def call(
+    service: Annotated[
+        str, typer.Argument(help="Such as driver/clear_fault or controller/set_auto.", metavar="SERVICE")
+    ],
+    value: Annotated[bool | None, typer.Argument(help="true or false, where it takes one.", metavar="VALUE")] = None,
+    namespace: NamespaceOption = "/",
+    json: JsonOption = None,
+) -> int:
+    """Call a service of a node: clear a fault, set automatic jamming or contact, pause or reset a simulation."""
+    from jammkle_bringup.channels import call as ask
+
+    results.check_writable(json)
+    return _answered(ask(normalised(namespace), service, value, StopRequest()), json)
+
+
 def _answered(answers: Any, json: Path | None) -> int:
-    """Show the answer of the driver, or of each of a robot's."""
+    """Show the answer of a node, or of those of each of a robot's ankles."""
     from jammkle_bringup.channels import together
 
     answer, content = together(answers)
@@ -145,7 +161,7 @@ def status(namespace: NamespaceOption = "/", verbose: AllOption = False, json: J
     for ankle, jam_status in ankles.items():
         if jam_status.emergency_stopped:
             driver = f"{ankle}/driver" if ankle else "driver"
-            console.print(f"emergency stop: everything is released until {driver}/clear_fault")
+            console.print(f"emergency stop: everything is released until {driver}/clear_fault (jammkle call)")
     for table in channels.status_tables(ankles, health, verbose=verbose):
         console.print(table)
     content = {ankle: dataclasses.asdict(jam_status) for ankle, jam_status in ankles.items()}

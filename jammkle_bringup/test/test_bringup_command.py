@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 COMMANDS = (
-    "up", "jam", "unjam", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile",
+    "up", "jam", "unjam", "call", "status", "record", "info", "recover", "export", "plot", "rig", "rig tensile",
     "demo", "gap", "gap diagnose", "gap effects",
 )  # fmt: skip
 

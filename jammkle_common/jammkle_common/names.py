@@ -276,23 +276,23 @@ class Service:
         return f"{self.node}/{self.suffix}"
 
 
-_TRIGGER = "std_srvs/srv/Trigger"
-_SET_BOOL = "std_srvs/srv/SetBool"
+TRIGGER = "std_srvs/srv/Trigger"
+SET_BOOL = "std_srvs/srv/SetBool"
 
 JAM = Service(DRIVER_NODE, "jam", "jammkle_msgs/srv/Jam", "jam channels to a vacuum")
 UNJAM = Service(DRIVER_NODE, "unjam", "jammkle_msgs/srv/Unjam", "vent channels")
-JAM_ALL = Service(DRIVER_NODE, "jam_all", _TRIGGER, "jam all channels to the default vacuum")
-UNJAM_ALL = Service(DRIVER_NODE, "unjam_all", _TRIGGER, "vent all channels")
-CLEAR_FAULT = Service(DRIVER_NODE, "clear_fault", _TRIGGER, "leave FAULT and emergency stop, everything vented")
+JAM_ALL = Service(DRIVER_NODE, "jam_all", TRIGGER, "jam all channels to the default vacuum")
+UNJAM_ALL = Service(DRIVER_NODE, "unjam_all", TRIGGER, "vent all channels")
+CLEAR_FAULT = Service(DRIVER_NODE, "clear_fault", TRIGGER, "leave FAULT and emergency stop, everything vented")
 SET_AUTO = Service(
     CONTROLLER_NODE,
     "set_auto",
-    _SET_BOOL,
+    SET_BOOL,
     "let the controller decide, or not; true is the way back to automatic from every state",
 )
-SET_CONTACT = Service(CONTROLLER_NODE, "set_contact", _SET_BOOL, "say that the foot stands, or that it does not")
-SET_PAUSED = Service(SIM_NODE, "set_paused", _SET_BOOL, "pause or go on")
-RESET = Service(SIM_NODE, "reset", _TRIGGER, "put the rig back to its start; simulated time goes on")
+SET_CONTACT = Service(CONTROLLER_NODE, "set_contact", SET_BOOL, "say that the foot stands, or that it does not")
+SET_PAUSED = Service(SIM_NODE, "set_paused", SET_BOOL, "pause or go on")
+RESET = Service(SIM_NODE, "reset", TRIGGER, "put the rig back to its start; simulated time goes on")
 STEP = Service(SIM_NODE, "step", "jammkle_msgs/srv/Step", "advance a paused simulation by steps")
 
 
@@ -300,7 +300,7 @@ WAY_BACK = f"back to automatic: {SET_AUTO.path} with true"
 """From every state, after `~/clear_fault` where there is a fault or was a stop; named wherever something is refused."""
 
 CHANNEL_JAMS: dict[str, Service] = {
-    channel: Service(DRIVER_NODE, f"{channel}/jam", _SET_BOOL, "jam this channel to the default vacuum, or vent it")
+    channel: Service(DRIVER_NODE, f"{channel}/jam", SET_BOOL, "jam this channel to the default vacuum, or vent it")
     for channel in CHANNELS
 }
 

@@ -286,7 +286,7 @@ class Spread:
 def spread_along(difference: Difference, signature: NDArray[np.float64], constants: Constants) -> Spread:
     """Return how healthy runs scatter along a signature, moderated towards a variance of 1.
 
-    Each setting's variance counts by its share of the squared signature, of what settings with repeats hold of it. Their
+    Each setting's variance counts by its share of what settings with repeats hold of the squared signature. Their
     weighted sum has the degrees of freedom of Satterthwaite 1946 (Biometrics Bulletin 2:110): those of one setting
     where the signature shows in that one alone.
     """
