@@ -40,8 +40,8 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     contact_force: Annotated[
         str, typer.Option(help="Column of a force or switch, drawn beside and not used.", rich_help_panel=_TABLE)
     ] = "",
-    force_unit: Annotated[str, typer.Option(help="m/s^2 or g.", rich_help_panel=_TABLE)] = "m/s^2",
-    rate_unit: Annotated[str, typer.Option(help="rad/s or deg/s.", rich_help_panel=_TABLE)] = "rad/s",
+    force_unit: Annotated[str, typer.Option(help="m/s^2 or g; of a bag, too.", rich_help_panel=_TABLE)] = "m/s^2",
+    rate_unit: Annotated[str, typer.Option(help="rad/s or deg/s; of a bag, too.", rich_help_panel=_TABLE)] = "rad/s",
     rate_hz: Annotated[float, typer.Option(help="Rate of the rows, without --time.", rich_help_panel=_TABLE)] = 0.0,
     json: JsonOption = None,
 ) -> int:

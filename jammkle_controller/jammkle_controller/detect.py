@@ -106,7 +106,13 @@ def detect(
     check_writable(json)
     parameters = parameters_from(settings)
     is_table = path.suffix.lower() in _TABLES
-    recording = read_table(path, layout) if is_table else read_bag(path, topic, namespace, parameters)
+    if is_table and not path.exists():
+        msg = f"{path} is not there"
+        raise InputError(msg)
+    if is_table and topic:
+        msg = f"--topic {topic} is of bags, and {path} is a table: its columns are --force and --rate"
+        raise InputError(msg)
+    recording = read_table(path, layout) if is_table else read_bag(path, topic, namespace, parameters, layout)
     if not recording.samples:
         msg = f"{path} holds no sample of an IMU"
         raise InputError(msg)
@@ -162,7 +168,7 @@ def parameters_from(settings: Sequence[str]) -> ControllerParameters:
     try:
         return from_mapping(ControllerParameters, values)
     except ParameterError as error:
-        msg = f"--set: {error}"
+        msg = f"{error} (--set, or --mount)" if "imu_mount" in str(error) else f"--set: {error}"
         raise InputError(msg) from error
 
 

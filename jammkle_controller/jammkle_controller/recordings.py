@@ -79,8 +79,8 @@ class TableFormat:
 
     """
 
-    force: tuple[str, ...]
-    rate: tuple[str, ...]
+    force: tuple[str, ...] = ("1", "2", "3")
+    rate: tuple[str, ...] = ("4", "5", "6")
     time: str = ""
     reference: str = ""
     force_unit: str = "m/s^2"
@@ -88,7 +88,13 @@ class TableFormat:
     rate_hz: float = 0.0
 
 
-def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParameters) -> Recording:
+def read_bag(
+    path: Path,
+    topic: str,
+    namespace: str,
+    parameters: ControllerParameters,
+    layout: TableFormat = TableFormat(),
+) -> Recording:
     """Read a bag with an IMU.
 
     Args:
@@ -96,11 +102,17 @@ def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParam
         topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
         namespace: Normalised namespace, in which the other inputs are.
         parameters: Of the controller: which joints are its leg's, and whether efforts and odometry are read.
+        layout: Of it the units of the IMU, where they are not those of REP-145.
 
     Raises:
-        InputError: unreadable; no IMU, or several and no topic; a leg is needed, and not described.
+        InputError: unreadable; a layout of tables; no IMU, or several and no topic; a leg is needed, and not described.
 
     """
+    if layout != TableFormat(force_unit=layout.force_unit, rate_unit=layout.rate_unit):
+        msg = f"bag {path} has topics and no columns: of a table's options it takes --force-unit and --rate-unit alone"
+        raise InputError(msg)
+    force_scale = _scale(FORCE_UNITS, layout.force_unit, "--force-unit")
+    rate_scale = _scale(RATE_UNITS, layout.rate_unit, "--rate-unit")
     shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
         imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)
@@ -124,6 +136,10 @@ def read_bag(path: Path, topic: str, namespace: str, parameters: ControllerParam
             what = others.get(connection.topic, names.IMU)
             if connection.msgtype == what.message_type:
                 received += received_in(message, what, time_ns, parameters, leg)
+    received = [
+        each._replace(what=each.what.scaled(force_scale, rate_scale)) if isinstance(each.what, ImuSample) else each
+        for each in received
+    ]
     return Recording(name_of(path), received, imu, leg)
 
 

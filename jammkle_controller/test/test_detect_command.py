@@ -6,11 +6,19 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from jammkle_controller.recordings import TableFormat, read_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jammkle_controller.core.imu import ImuSample
 
 COMMAND = Path(sys.executable).with_name("jammkle")
 
@@ -44,6 +52,41 @@ def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     assert found["events"][1]["time_s"] == pytest.approx(1.1, abs=0.003)
     assert found["decisions"][-1]["state"] == "stance"
     assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
+
+
+def bag_of(path: Path, samples: Sequence[ImuSample]) -> Path:
+    """Write samples as a bag with one IMU, whatever their units."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
+    stamp, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    nine = np.zeros(9)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        for time_ns, *force_and_rate in samples:
+            at = header(stamp(*divmod(time_ns, 10**9)), "imu")
+            rate, force = vector(*force_and_rate[3:]), vector(*force_and_rate[:3])
+            message = store.types[topic.msgtype](at, turn(0.0, 0.0, 0.0, 1.0), nine, rate, nine, force, nine)
+            writer.write(topic, time_ns, store.serialize_cdr(message, topic.msgtype))
+    return path
+
+
+def test_a_bag_in_g_is_read_by_its_units_and_columns_are_refused(tmp_path: Path) -> None:
+    """As a table: the fall is reported once the units are said, and what a bag does not have is refused by name."""
+    path = table(tmp_path / "fall.csv")
+    layout = TableFormat(("2", "3", "4"), ("5", "6", "7"), rate_hz=500.0)
+    samples = [each._replace(time_ns=each.time_ns + 10**9) for each in read_table(path, layout).samples]
+    bag = bag_of(tmp_path / "bag", samples)
+    answer = detect(bag, "--force-unit", "g", "--rate-unit", "deg/s", "-o", tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    found = json.loads((tmp_path / "out" / "events.json").read_text())
+    assert [event["kind"] for event in found["events"]][:2] == ["lift-off", "impact"]
+    answer = detect(bag, "--rate-hz", 7, "-o", tmp_path / "out")
+    assert answer.returncode == 2
+    assert "--force-unit and --rate-unit alone" in answer.stderr
+    answer = detect(path, "--rate-hz", 500, "--topic", "/imu", "-o", tmp_path / "out")
+    assert "--topic /imu is of bags" in answer.stderr
+    answer = detect(tmp_path / "none.csv", "-o", tmp_path / "out")
+    assert "none.csv is not there" in answer.stderr
 
 
 @pytest.mark.parametrize("delimiter", [",", ", ", ";", "\t", " ", "  "])

@@ -41,6 +41,11 @@ class ImuSample(NamedTuple):
     rate_y: float
     rate_z: float
 
+    def scaled(self, force: float, rate: float) -> ImuSample:
+        """Return the sample with its forces and rates multiplied, as where they are of another unit."""
+        forces, rates = (self.force_x, self.force_y, self.force_z), (self.rate_x, self.rate_y, self.rate_z)
+        return ImuSample(self.time_ns, *(force * each for each in forces), *(rate * each for each in rates))
+
 
 class Admission(enum.Enum):
     """What the gate says of a sample."""
