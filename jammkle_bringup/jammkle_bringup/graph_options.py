@@ -104,6 +104,10 @@ def _check_robot(options: GraphOptions) -> None:
         raise InputError(msg)
 
 
+_WITHOUT_PORT = (SIM_HARDWARE, "fake")
+"""Hardware that is no board; a package's own may be one."""
+
+
 def given_values(
     robot: Robot, hardware: str, speed: float | None, port: str | None
 ) -> dict[str, dict[str, ParameterValue]]:
@@ -122,8 +126,8 @@ def given_values(
     if speed is not None:
         of_sim["speed"] = _checked_speed(speed, hardware)
     if port is not None:
-        if hardware == SIM_HARDWARE:
-            msg = f"--port {port} needs --hardware modbus: a simulation has none"
+        if hardware in _WITHOUT_PORT:
+            msg = f"--port {port} needs --hardware modbus: {hardware} has none"
             raise InputError(msg)
         of_driver["port"] = port
     of_viewer: dict[str, ParameterValue] = {"ankles": ",".join(robot.ankles)} if any(robot.ankles) else {}

@@ -90,6 +90,7 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("up --hardware serial", ("serial", "modbus", "sim")),
         ("up --hardware modbus --speed 2", ("--speed", "sim")),
         ("up --port /dev/ttyUSB0", ("--port", "modbus")),
+        ("up --port /dev/ttyUSB0 --hardware fake", ("--port", "fake has none")),
         ("up --speed -1", ("-1", "0 to 100")),
         ("up --speed nan", ("nan",)),
         ("up --record {folder}", ("{folder}", "exists")),

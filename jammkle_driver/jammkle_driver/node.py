@@ -502,7 +502,7 @@ def _driver_line(driver: Driver, lifecycle_state: str) -> Health:
     }
     if driver.stop.reason:
         held = "; solenoids kept, pump off" if driver.ankle.held else ""
-        text = f"emergency stop: {driver.stop.reason}; release it, then ~/clear_fault{held}"
+        text = f"emergency stop: {driver.stop.reason}; {driver.stop.way_out}{held}"
         return Health("driver", Level.ERROR, text, values)
     return Health("driver", Level.OK if driver.active else Level.WARN, lifecycle_state, values)
 

@@ -90,7 +90,9 @@ def test_false_of_one_frees_nobody_from_true_of_another() -> None:
         scene.publish(teleoperation, stop=False)
         scene.stop.tick(2, scene.now)
     assert "from 1 of 2 publishers" in scene.stop.clear(scene.now)
+    assert scene.stop.way_out == "release it, then call ~/clear_fault"
     scene.publish(hand, stop=False)
+    assert (scene.stop.reason, scene.stop.way_out) == ("emergency_stop was true", "call ~/clear_fault")
     assert not scene.stop.clear(scene.now)
 
 

@@ -130,6 +130,7 @@ def test_what_cannot_be_matched_is_named(tmp_path: Path, recorded: robot_arm.Sam
     assert "neither commands" in refusal(tmp_path, run)
     assert "'kq'" in refusal(tmp_path, run, {"gains": {"yaw": {"kq": 1}}})
     assert "names joint wrist" in refusal(tmp_path, run, {"gains": {"wrist": {"kp": 1}}})
+    assert "states is [1, 2]; it must be one topic" in refusal(tmp_path, run, {"states": [1, 2]})
     assert "joints is ['yaw']; it must be a table" in refusal(tmp_path, run, {"joints": ["yaw"]})
     assert "yaw is 'nan'; it must be a number" in refusal(tmp_path, run, {"torque_constants": {"yaw": float("nan")}})
 

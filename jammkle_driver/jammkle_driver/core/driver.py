@@ -350,7 +350,7 @@ class Driver:
             msg = f"{INACTIVE}: cannot jam; activate it first (lifecycle transition 'activate')"
             raise RequestError(msg)
         if reason := self.stop.reason:
-            msg = f"emergency stop ({reason}): cannot jam; release it, then call ~/clear_fault; {WAY_BACK}"
+            msg = f"emergency stop ({reason}): cannot jam; {self.stop.way_out}; {WAY_BACK}"
             raise RequestError(msg)
         if board := self._why_not_ready:
             msg = f"{board}: cannot jam; ask again"

@@ -336,6 +336,9 @@ class CommandStreams:
         self._streams.clear()
 
 
+_ASKED, _TAKEN_BACK = "emergency_stop is true", "emergency_stop was true"
+
+
 class EmergencyStop:
     """Says why everything is to be stopped; the reason stays until it is cleared."""
 
@@ -368,13 +371,15 @@ class EmergencyStop:
         is_new = not self._publishers.has_seen(publication)
         if self._publishers.take(stop, publication, now.graph_s) is None:
             if stop and is_new:  # overtaken by what its publisher has said since: it did ask
-                self.reason = self.reason or "emergency_stop was true"
+                self.reason = self.reason or _TAKEN_BACK
             return
         if stop:
-            self.reason = self.reason or "emergency_stop is true"
+            self.reason = _ASKED if self.reason in {"", _TAKEN_BACK} else self.reason
             return
         for each in self._publishers.all:
             each.value = each.value and not each.gone
+        if self.reason == _ASKED and not self.asked_by:
+            self.reason = _TAKEN_BACK
         if math.isinf(self._timeout_s):
             self._publishers.forget_gone()
 
@@ -388,6 +393,11 @@ class EmergencyStop:
         if silent:
             of = f" from {silent} of {len(self._publishers.all)} publishers" if len(self._publishers.all) > 1 else ""
             self.reason = f"no emergency_stop{of} for {self._timeout_s:g} s (emergency_stop_timeout_s)"
+
+    @property
+    def way_out(self) -> str:
+        """What ends the stop, as the end of a sentence."""
+        return f"{'release it, then ' if self.asked_by else ''}call ~/clear_fault"
 
     def excuse(self, stood_s: float) -> None:
         """Leave out a time in which the driver stood still itself; see `Watchdog.excuse`."""

@@ -61,7 +61,7 @@ class Candidate:
     probability: float
     """Of its whole equivalence class, given all that was said of the prior, and that there is a gap."""
     explained: float
-    """Share of the squared whitened difference that it explains."""
+    """Share that it explains of the squared whitened difference; without references, of what the constants leave."""
     effects: tuple[FittedEffect, ...]
     equivalents: tuple[str, ...] = ()
     """Effects that these sensors cannot tell from it, whatever the data."""

@@ -270,8 +270,8 @@ def _map_of(table: Mapping[str, Any], where: str) -> RobotMap:
         prescribed=tuple(fixed[_MEASURED]),
         degrees=_in_degrees(table, where),
         command_degrees=_in_degrees(commands, f"{where}, commands"),
-        states=table.get("states"),
-        topic=commands.get("topic"),
+        states=_topic_of(table, "states", where),
+        topic=_topic_of(commands, "topic", f"{where}, commands"),
         order=_order_of(commands, f"{where}, commands: order"),
         quantity=_choice(Quantity, commands.get("quantity", "position"), f"{where}, commands: quantity"),
         gains={
@@ -313,6 +313,14 @@ def _number(given: Any, where: str) -> float:
         msg = f"{where} is '{given}'; it must be a number"
         raise BadRobotError(msg)
     return number
+
+
+def _topic_of(table: Mapping[str, Any], key: str, where: str) -> str | None:
+    given = table.get(key)
+    if not isinstance(given, str | None):
+        msg = f"{where}: {key} is {given!r}; it must be one topic, such as /{key}"
+        raise BadRobotError(msg)
+    return given
 
 
 def _order_of(commands: Mapping[str, Any], where: str) -> tuple[str, ...]:

@@ -292,7 +292,7 @@ def checks(diagnosis: Diagnosis, sentences: Mapping[str, str]) -> tuple[str, ...
         return ()
     texts = []
     if diagnosis.verdict is Verdict.UNKNOWN:
-        texts += [_kept(each) for each in diagnosis.candidates if each.names]
+        texts += [_kept(each, whole(diagnosis)) for each in diagnosis.candidates if each.names]
         return tuple(texts)
     for candidate in diagnosis.candidates:
         texts += [f"{label(effect.name)}: {advice(effect.sentence)}" for effect in candidate.effects]
@@ -304,8 +304,13 @@ def checks(diagnosis: Diagnosis, sentences: Mapping[str, str]) -> tuple[str, ...
     return tuple(dict.fromkeys(texts))
 
 
-def _kept(candidate: Candidate) -> str:
-    left = f"it explains {percent(candidate.explained)} of the squared difference"
+def whole(diagnosis: Diagnosis) -> str:
+    """Return what shares that a candidate explains are of."""
+    return "what the constants leave, squared" if diagnosis.constants else "the squared difference"
+
+
+def _kept(candidate: Candidate, of: str) -> str:
+    left = f"it explains {percent(candidate.explained)} of {of}"
     return (
         f"{candidate_label(candidate)} is kept in the credible set beside none of them, with a probability of "
         f"{probability(candidate.probability)}: {left}."
