@@ -125,6 +125,20 @@ def test_an_imu_that_loses_gravity_in_a_stance_is_refused_at_once(
 
 
 @pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+def test_an_imu_that_comes_back_in_g_and_turned_does_not_vent(streams: Any, rate_hz: int) -> None:
+    """A driver that was started anew publishes in another frame and unit, while nobody knows that the foot stands."""
+    controller = streams.new_controller()
+    rest = streams.sense(streams.rest(3.0), rate_hz)
+    streams.events_of(rest, controller)
+    assert controller.set_points_pa == HELD
+    in_g = [scaled(force=-1.0 / 9.80665)(sample) for sample in streams.sense(streams.rest(3.0), rate_hz)]
+    events = streams.events_of(later(in_g, rest[-1].time_ns + 300_000_000), controller)
+    assert [event for event in events if event.kind is ContactKind.LIFTOFF] == []
+    assert controller.watch.trouble is ImuTrouble.TOO_SMALL
+    assert controller.set_points_pa == HELD
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
 def test_a_standing_body_whose_ground_gives_way_is_vented_as_it_falls(streams: Any, rate_hz: int) -> None:
     """It is let down over 20 ms, as no support vanishes between two samples: a flight, and no fault of the IMU."""
     controller, last_ns = standing(streams)

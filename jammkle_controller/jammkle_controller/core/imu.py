@@ -288,6 +288,7 @@ class ImuWatch:
         self._before_ns = 0
         self._rates_hz = (0.0, 0.0)
         self._step: tuple[tuple[float, float, float], int] | None = None
+        self._after_gap = False
         self._last = (0.0, 0.0, 0.0)
         self._forget_turning()
 
@@ -348,7 +349,7 @@ class ImuWatch:
         held = admission is Admission.HELD
         if not held:
             self._fresh_ns = time_ns
-            self._look_for_step(sample, stands=stands)
+            self._look_for_step(sample, stands=stands, after_gap=admission is Admission.AFTER_GAP)
         is_zero = sample.force_x == sample.force_y == sample.force_z == 0.0
         self._zeros = self._zeros + 1 if is_zero else 0
         if self._zeros >= DEAD_SAMPLES:
@@ -376,11 +377,12 @@ class ImuWatch:
         self._seen = self.trouble = trouble
         self._seen_ns = time_ns
 
-    def _look_for_step(self, sample: ImuSample, *, stands: bool) -> None:
+    def _look_for_step(self, sample: ImuSample, *, stands: bool, after_gap: bool) -> None:
         """Let the mean begin anew where readings at rest step to far below gravity, and no motion explains it.
 
         Who leaves the ground pushes off, or turns, or is let down over some milliseconds. The foot of a robot that
-        stands does not fall from one sample to the next; and nothing that falls reads 1/9.8 of what it read before.
+        stands does not fall from one sample to the next; and nothing that falls reads 1/9.8 of what it read before,
+        in whatever frame after a gap, in which an IMU may have been set up anew.
         """
         force = (sample.force_x, sample.force_y, sample.force_z)
         last, self._last = self._last, force
@@ -390,11 +392,13 @@ class ImuWatch:
         if self._step is None:
             rests = self._unrest_m_s2 < QUIET_M_S2
             if rests and self._direction and abs(math.hypot(*last) - STANDARD_GRAVITY_M_S2) < QUIET_M_S2:
-                self._step = (last, 1)
+                self._step, self._after_gap = (last, 1), after_gap
             return
         before, samples = self._step
         self._step = (before, samples + 1)
-        in_g = math.dist(force, [each / STANDARD_GRAVITY_M_S2 for each in before]) < UNIT_M_S2
+        expected = [each / STANDARD_GRAVITY_M_S2 for each in before]
+        in_g = math.dist(force, expected) < UNIT_M_S2
+        in_g = in_g or (self._after_gap and abs(math.hypot(*force) - math.hypot(*expected)) < UNIT_M_S2)
         if samples + 1 == STEPPED_SAMPLES and self._believed_once and (stands or in_g):
             self.level_m_s2 = math.hypot(*force)
 
