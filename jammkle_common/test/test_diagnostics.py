@@ -12,14 +12,16 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
 
 from jammkle_common import diagnostics
 from jammkle_common.diagnostics import DiagnosticsPublisher
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.messages import Health, Level
-from jammkle_common.names import CLOCK
-from jammkle_common.qos import publisher_qos
+from jammkle_common.names import CLOCK, LOCKSTEP
+from jammkle_common.qos import answer_qos, publisher_qos
 from jammkle_common.testing import own_domain, wait_until
+from jammkle_msgs.msg import ChannelJamCommand, JamCommand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,3 +92,21 @@ def test_a_node_whose_clock_does_not_come_reports_all_the_same(
     monkeypatch.setattr(diagnostics, "_FIRST_TICK_WITHIN_S", 0.0)
     publisher.check()
     assert sent.stamps == [Time()]
+
+
+def test_what_waits_for_a_step_is_dealt_with_while_a_simulation_is_paused(node: LockstepNode) -> None:
+    """Messages of a tick that is repeated come with the next repetition, in order, and pile up nowhere."""
+    taken: list[int] = []
+    listener = rclpy.create_node("sim", context=node.context)
+    listener.create_subscription(Header, LOCKSTEP.name, lambda _: None, answer_qos())
+    wait_until(lambda: node.count_subscribers(LOCKSTEP.name) > 0, "somebody waits for this node")
+    take = node._at_the_tick("jam_command", lambda message: taken.append(message.channels))
+    node._take_tick(5 * 10**9)
+    for number in range(200):
+        take(JamCommand(header=Header(stamp=Time(sec=5)), channels=[ChannelJamCommand(channel=str(number))]))
+        if number % 10 == 9:
+            node._take_tick(5 * 10**9)
+    assert [channels[0].channel for channels in taken] == [str(number) for number in range(190)]
+    node._take_tick(5 * 10**9)
+    assert len(taken) == 200
+    listener.destroy_node()

@@ -122,3 +122,12 @@ def test_who_stood_still_blames_nobody() -> None:
     listener.now_s += 5.0
     assert listener.liveness.health().level is Level.OK
     assert listener.wait(3).level is Level.ERROR
+
+
+def test_a_node_that_died_before_the_clock_was_set_back_is_missed() -> None:
+    """What was received at a later time of the old run does not count until the new one comes to it."""
+    listener = Listener("/")
+    listener.receive("/sim: tendons")
+    listener.now_s = 0.0
+    assert listener.wait(1.0).level is Level.OK
+    assert listener.wait(8.0).level is Level.ERROR
