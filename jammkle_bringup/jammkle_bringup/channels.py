@@ -153,7 +153,7 @@ def unjam(namespace: str, channels: Sequence[str], asked_to_stop: Callable[[], b
     _check_channels(channels)
     request = Unjam.Request(channels=list(channels))
     with GraphClient(namespace, asked_to_stop) as client:
-        answers = {ankle: client.call(below(ankle, UNJAM.path), Unjam, request) for ankle in client.ankles()}
+        answers = client.call_each(client.ankles(), UNJAM.path, Unjam, request)
     return _answered(answers, channels, 0.0)
 
 
@@ -192,7 +192,7 @@ def call(
     request = kind.Request() if value is None else kind.Request(data=value)
     with GraphClient(namespace, asked_to_stop) as client:
         ankles = ("",) if known.node == SIM_NODE else client.ankles()
-        answers = {ankle: client.call(below(ankle, known.path), kind, request) for ankle in ankles}
+        answers = client.call_each(ankles, known.path, kind, request)
     return {ankle: Answer(each.success, each.message) for ankle, each in answers.items()}
 
 

@@ -128,6 +128,7 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
     with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
         session = _Session(client)
         try:
+            session.begin()
             for bag, sheet in runs.items():
                 session.do(sheet, bag)
         finally:
@@ -188,6 +189,10 @@ class _Session:
         if is_simulated and not client.wait_until(lambda: self._time_s is not None, _STANDS_S):
             raise GraphError(_STANDS)
         self._built = {name: self._value_of(node, name).double_value for node, name in AS_BUILT}
+        self._recorder: Supervisor | None = None
+
+    def begin(self) -> None:
+        """Take the ankles from their controllers."""
         self._set_auto(automatic=False)
 
     def _refuse_second(self) -> None:
@@ -255,6 +260,7 @@ class _Session:
         command = (sys.executable, "-m", "jammkle_common.command", "record", "-o", str(bag))
         spec = ChildSpec(RECORDER_NODE, (*command, "--namespace", self._client.namespace), _RECORDER_TIMEOUT_S)
         with Supervisor((spec,), pass_on) as supervisor:
+            self._recorder = supervisor
             if not Startup(self._client, supervisor).wait(self._is_recorded, _RECORDER_TIMEOUT_S):
                 msg = f"the recorder does not listen to every ankle after {_RECORDER_TIMEOUT_S:g} s"
                 raise GraphError(msg)
@@ -262,15 +268,20 @@ class _Session:
             self._perform(rig, programme, limbs, angles)
             self._wait(_REST_S)
             self._limb_over_ground = None
-            supervisor.stop()
+            self._recorder = None
+            if bad := supervisor.stop():
+                msg = f"{bad[0].text()}; {bag} is not whole: do the exercise again"
+                raise GraphError(msg)
         done = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
         (bag / FILE_NAME).write_text(yaml.safe_dump(done.as_mapping(), sort_keys=False), encoding="utf-8")
 
     def end(self) -> None:
         """Vent everything, and let the robot and its controllers do what they did before."""
         self._trajectory.publish(JointTrajectory())
-        self._set_vacuum(CHANNELS, 0.0)
-        self._set_auto(automatic=True)
+        try:
+            self._set_vacuum(CHANNELS, 0.0)
+        finally:
+            self._set_auto(automatic=True)
 
     def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
         """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
@@ -298,12 +309,13 @@ class _Session:
             GraphError: one does not answer, or refuses.
 
         """
-        for ankle in self._ankles:
-            if vacuum_pa > 0.0:
-                request = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
-                answer = self._client.call(below(ankle, JAM.path), Jam, request)
-            else:
-                answer = self._client.call(below(ankle, UNJAM.path), Unjam, Unjam.Request(channels=list(channels)))
+        if vacuum_pa > 0.0:
+            request: Any = Jam.Request(channels=list(channels), vacuum_pa=vacuum_pa)
+            answers = self._client.call_each(self._ankles, JAM.path, Jam, request)
+        else:
+            request = Unjam.Request(channels=list(channels))
+            answers = self._client.call_each(self._ankles, UNJAM.path, Unjam, request)
+        for ankle, answer in answers.items():
             if not answer.success:
                 msg = f"the driver of {ankle or 'the ankle'} refuses: {answer.message}"
                 raise GraphError(msg)
@@ -393,14 +405,15 @@ class _Session:
         before_s = self._now_s()
         while self._now_s() < end_s:
             self._client.wait_until(lambda: self._now_s() >= end_s, 0.2)
+            if self._recorder is not None and (death := self._recorder.first_death()) is not None:
+                raise GraphError(death.text())
             if self._now_s() > before_s:
                 before_s, stood_s = self._now_s(), time.monotonic()
             elif time.monotonic() - stood_s > _STANDS_S:
                 raise GraphError(_STANDS)
 
     def _set_auto(self, *, automatic: bool) -> None:
-        for ankle in self._ankles:
-            self._client.call(below(ankle, SET_AUTO.path), SetBool, SetBool.Request(data=automatic))
+        self._client.call_each(self._ankles, SET_AUTO.path, SetBool, SetBool.Request(data=automatic))
 
 
 ABDUCTION, HIP, KNEE = LEG_JOINTS

@@ -32,7 +32,7 @@ from jammkle_common.names import (
 from jammkle_common.qos import node_at, subscriber_qos
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Sequence
     from types import TracebackType
 
     from rclpy.node import Node
@@ -158,6 +158,24 @@ class GraphClient:
             raise GraphError(msg)
         finally:
             self.node.destroy_client(client)
+
+    def call_each(self, ankles: Sequence[str], path: str, kind: type[Any], request: Any) -> dict[str, Any]:
+        """Call a service of every ankle, though one does not answer, and return the answers by ankle.
+
+        Raises:
+            GraphError: one did not answer, once all others were asked.
+            Interrupted: the command was asked to stop.
+
+        """
+        answers, silent = {}, []
+        for ankle in ankles:
+            try:
+                answers[ankle] = self.call(below(ankle, path), kind, request)
+            except GraphError as error:  # noqa: PERF203 - each by itself
+                silent.append(str(error))
+        if silent:
+            raise GraphError("; ".join(silent))
+        return answers
 
     def ankles(self, on_seen: Callable[[str], None] = lambda _: None) -> tuple[str, ...]:
         """Return the namespaces, below the client's own, of the ankles that there are; the one in that is empty.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
@@ -11,8 +12,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32
 
-from jammkle_bringup.exercise import exercise
-from jammkle_bringup.graph_client import COMMAND_NODE
+from jammkle_bringup import channels
+from jammkle_bringup.core.supervisor import Death
+from jammkle_bringup.exercise import _Session, exercise
+from jammkle_bringup.graph_client import COMMAND_NODE, GraphClient
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.names import DRIVER_NODE, JOINT_STATES, PUMP_DUTY, resolved
@@ -59,3 +62,51 @@ def test_an_exercise_of_another_robot_is_in_nobodys_way(nodes: list[Node], tmp_p
     assert nodes
     with pytest.raises(GraphError, match="/two/driver/get_parameters did not answer"):
         exercise({tmp_path / "bag": RunSheet("press")}, "/two", lambda: False)
+
+
+class Silent:
+    """Stands for a client of a robot of two ankles, the first of which has a dead driver."""
+
+    namespace = "/"
+    call_each = GraphClient.call_each
+
+    def __init__(self, *_: object) -> None:
+        self.called: list[str] = []
+
+    def ankles(self) -> tuple[str, ...]:
+        return "lf_ankle", "rf_ankle"
+
+    def call(self, path: str, _kind: object, _request: object) -> Any:
+        self.called.append(path)
+        if path.startswith("lf_ankle/driver"):
+            msg = f"nothing answers on {path}"
+            raise GraphError(msg)
+        return SimpleNamespace(success=True, message="vented")
+
+
+def test_one_dead_driver_keeps_no_other_ankle_jammed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`jammkle unjam`, and the end of an exercise, ask every ankle before they say who did not answer."""
+    client = Silent()
+    monkeypatch.setattr(channels, "GraphClient", lambda *_: contextlib.nullcontext(client))
+    with pytest.raises(GraphError, match="nothing answers on lf_ankle/driver/unjam"):
+        channels.unjam("/", [], lambda: False)
+    assert client.called == ["lf_ankle/driver/unjam", "rf_ankle/driver/unjam"]
+    session = _Session.__new__(_Session)
+    session._client, session._ankles = client, client.ankles()
+    session._trajectory = SimpleNamespace(publish=lambda _: None)
+    client.called.clear()
+    with pytest.raises(GraphError, match="nothing answers on lf_ankle/driver/unjam"):
+        session.end()
+    assert client.called[1:] == [
+        "rf_ankle/driver/unjam", "lf_ankle/controller/set_auto", "rf_ankle/controller/set_auto",
+    ]  # fmt: skip
+
+
+def test_a_recorder_that_dies_ends_the_exercise() -> None:
+    """A bag that is not whole is no result: what it said last is in the error."""
+    died = Death("recorder", 1, ("bag cannot be written: No space left on device",))
+    session = _Session.__new__(_Session)
+    session._client = SimpleNamespace(wait_until=lambda *_: False)
+    session._time_s, session._recorder = None, SimpleNamespace(first_death=lambda: died)
+    with pytest.raises(GraphError, match="recorder died with exit code 1; it said: bag cannot be written"):
+        session._wait(5.0)

@@ -157,3 +157,41 @@ def test_a_longer_bag_takes_no_more_memory(bag_maker: Callable[[str], Any], tmp_
         peaks["export"].append(peak_mb("export", path, "-o", str(tmp_path / f"{name}_tables"), "--parquet"))
     assert peaks["plot"][1] < peaks["plot"][0] + 15.0
     assert peaks["export"][1] < peaks["export"][0] + 15.0
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_text_that_comes_late_is_a_text(
+    bag_maker: Callable[[str], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
+    """A topic that appears once parts are written has its column with the type of its values."""
+    monkeypatch.setattr(export_module, "PART_ROWS", 50)
+    maker = bag_maker("late")
+    for step in range(300):
+        maker.write("/level", 1.0 + 0.01 * step, maker.make("std_msgs/msg/Float64", float(step)))
+        if step > 250:
+            maker.write("/mode", 1.0 + 0.01 * step, maker.make("std_msgs/msg/String", "walk"))
+    maker.close()
+    assert main(["export", str(maker.path), "-o", str(tmp_path / "out"), "--rate-hz", "100", f"--{form}"]) == 0
+    if form == "csv":
+        assert table(tmp_path / "out" / "run.csv")[-1]["mode"] == "walk"
+    else:
+        assert pyarrow.parquet.read_table(tmp_path / "out" / "run.parquet")["mode"].to_pylist()[-1] == "walk"
+
+
+def test_what_is_no_straight_line_and_no_time_of_ours(bag_maker: Callable[[str], Any], tmp_path: Path) -> None:
+    """A phase jumps back at touch-down, a carriage is in metres along both axes, `time_s` of a topic is beside ours."""
+    maker = bag_maker("odd")
+    for step in range(200):
+        time_s = 1.0 + 0.01 * step
+        maker.write("/gait/phase", time_s, maker.make("std_msgs/msg/Float32", (0.3 + 0.01 * (step // 4 * 4)) % 1.0))
+        maker.write("/joint_states", time_s, joints(maker, time_s, ["carriage_x", "carriage", "ankle_pitch"]))
+        maker.write("/clocks/time_s", time_s, maker.make("std_msgs/msg/Float64", 500.0 - step))
+    maker.close()
+    assert main(["export", str(maker.path), "-o", str(tmp_path / "grid"), "--rate-hz", "1000"]) == 0
+    rows = table(tmp_path / "grid" / "run.csv")
+    phases = [float(row["gait_phase"]) for row in rows if row["gait_phase"]]
+    assert {round(each, 2) for each in phases} <= {round((0.3 + 0.04 * k) % 1.0, 2) for k in range(50)}
+    assert {"joint_states_carriage_x_position_m", "joint_states_ankle_pitch_position_rad"} <= rows[0].keys()
+    assert main(["export", str(maker.path), "-o", str(tmp_path / "each")]) == 0
+    own = table(tmp_path / "each" / "clocks_time_s.csv")
+    assert [float(row["time_s"]) for row in own[:3]] == pytest.approx([0.0, 0.01, 0.02])

@@ -11,7 +11,7 @@ import pytest
 from jammkle_gap import Library, Problem, Recording, Signal
 from jammkle_gap.core.design import Experiment, next_experiment
 from jammkle_gap.core.fit import Fit
-from jammkle_gap.core.simulate import Runner
+from jammkle_gap.core.simulate import InfeasibleError, Runner
 from pendulums import effect
 
 if TYPE_CHECKING:
@@ -75,6 +75,20 @@ def test_nothing_is_named_that_would_separate_nothing() -> None:
     ramp = Experiment("ramp", lambda: replace(run("ramp", 1.0).plan(), inputs=np.linspace(0.0, 1.0, 200)))
     assert chosen([ramp]) is not None
     assert chosen([ramp], problem=replace(OFFER, accuracy=10.0)) is None
+
+
+def test_a_run_that_a_candidate_cannot_make_separates_nothing() -> None:
+    """Where the simulator gives nothing with one of them, the run is not the one to make."""
+
+    def fragile(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        if recording.name == "wild" and "one.share" in values:
+            msg = "it blows up"
+            raise InfeasibleError(msg)
+        return simulate(recording, values)
+
+    found = chosen([run("wild", 3.0), run("mild", 1.0)], problem=replace(OFFER, simulator=fragile))
+    assert found is not None
+    assert found.name == "mild"
 
 
 def test_each_candidate_keeps_the_constants_that_were_fitted_with_it() -> None:

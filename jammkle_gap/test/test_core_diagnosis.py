@@ -21,6 +21,7 @@ from jammkle_gap import (
     as_dict,
     diagnose,
 )
+from jammkle_gap.core.scatter import settings_of
 from jammkle_gap.core.signatures import grid_of
 from pendulums import CONSTANTS as PENDULUM_CONSTANTS
 from pendulums import (
@@ -378,3 +379,37 @@ def test_a_copy_is_no_repeat() -> None:
     copies = [runs[0], replace(runs[0], name="again")]
     with pytest.raises(BadRecordingError, match=r"again is a copy of .*leave it out, or give a run of its own"):
         diagnose(copies, PROBLEM, jobs=1)
+
+
+def test_what_one_signal_cuts_short_is_said() -> None:
+    """A topic that ends early leaves less of all to be compared: the notes name it, and how much that is."""
+    runs = machine(5).record(2)
+    short = Signal("temperature", "K", TIMES_S[:60], np.random.default_rng(1).normal(20.0, 0.1, 60), 0.1)
+    runs = [replace(run, signals=(*run.signals, short)) for run in runs]
+
+    def warm(recording: Recording, values: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
+        return {**simulate(recording, values), "temperature": np.full(60, 20.0)}
+
+    found = diagnose(runs, replace(PROBLEM, simulator=warm), jobs=1)
+    said = f"{TIMES_S[59]:.3g} of {TIMES_S[-1]:.3g} s are compared, as temperature of"
+    assert any(said in note for note in found.notes)
+
+
+def test_a_setting_may_be_called_as_runs_without_one_are() -> None:
+    """A run that names no setting is no repeat of one whose setting is `run 2`."""
+    first, second, *_ = machine(6).record(2)
+    given = [replace(first, setting="run 2"), replace(second, setting="")]
+    assert [len(each.faulty) for each in settings_of(given, (), PROBLEM)] == [1, 1]
+
+
+def test_an_effect_that_is_small_is_not_at_a_bound() -> None:
+    """A delay of 1.8 ms out of 200 ms is near where it is off, beyond which there is nothing."""
+    library = Library((effect("delay", "time", "s", 0.2),))
+    made = machine(7)
+    made.constants = {}
+    late = replace(PROBLEM, library=library, constants=())
+    runs = [replace(run, setting="") for run in made.record(1, {"delay.time": 0.0018})]
+    found = diagnose(runs, late, jobs=1)
+    (parameter,) = found.candidates[0].effects[0].parameters
+    assert 0.0 < parameter.value < 0.004
+    assert not parameter.at_bound

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -273,3 +274,27 @@ def test_two_sensors_with_one_frame_are_told_apart_by_the_map() -> None:
     found, notes = _by_name(sensed, read_map({"sensors": {"/imu/data": "lens"}}))
     assert list(found) == [("/imu/data", Sense.ACCELERATION)]
     assert not notes
+
+
+def test_an_effect_of_all_joints_and_one_of_each_act_together(tmp_path: Path) -> None:
+    """A pair of both adds up, also where the second is next to nothing."""
+    robot, _, simulator = compared(model(tmp_path), recorded())
+    both = simulator.machine({"encoder_offset.offset": 0.05, "encoder_offset_pan.offset": 1e-9})
+    assert both.offset == pytest.approx({"pan": 0.05, "tilt": 0.05})
+    both = simulator.machine({"encoder_scale.scale": 1.02, "encoder_scale_pan.scale": 1.03})
+    assert both.scale == pytest.approx({"pan": 1.02 * 1.03, "tilt": 1.02})
+    gain = robot.model.actuator("pan").gainprm[0]
+    assert both.model.actuator("pan").gainprm[0] == pytest.approx(1.02 * 1.03 * gain)
+
+
+def test_windows_do_not_know_what_was_commanded_in_the_one_before(tmp_path: Path) -> None:
+    """Stepped one after the other, with friction in proportion to the load, each begins with its own set point."""
+    _, recording, simulator = compared(model(tmp_path), recorded())
+    motion = recording.inputs
+    size = {"load_friction_pan.share": 0.3}
+    other = motion.set_points.copy()
+    other[: int((motion.starts_s[1] - 0.3) / motion.step_s)] += 0.3
+    changed = replace(recording, inputs=replace(motion, set_points=other))
+    second = recording.signal("pan/position").time_s >= motion.window_s
+    made = [simulator(each, size)["pan/position"][second] for each in (recording, changed)]
+    assert np.abs(made[0] - made[1]).max() < 1e-6

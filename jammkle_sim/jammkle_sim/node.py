@@ -21,7 +21,7 @@ from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.messages import Health, Level
 from jammkle_common.names import CLOCK, LOCKSTEP, below, resolved
-from jammkle_common.parameters import declare, on_change
+from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import answer_qos, node_at, publisher_qos, subscriber_qos
 from jammkle_msgs.srv import Step
 from jammkle_sim.conversions import NotFiniteError, parameters_message, time_message
@@ -251,9 +251,11 @@ class SimNode(Node):
         self._description.publish(parameters_message(self._simulation.machine.description()))
 
     def _reset(self) -> None:
+        anew = self._kind.options_of(self._wanted) != self._kind.options_of(self._built)
+        made = self._kind.make(self._wanted) if anew else None  # first, as it may be refused
         self._engine.reset()
-        if self._kind.options_of(self._wanted) != self._kind.options_of(self._built):
-            self._simulation.exchange(self._kind.make(self._wanted).machine)
+        if made is not None:
+            self._simulation.exchange(made.machine)
             self._built = self._wanted
             for outputs in self._outputs:
                 outputs.look_at_tendons()
@@ -357,9 +359,10 @@ class _Requests:
         return response
 
     def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.answer_finished_steps()
         try:
             self._reset_machine()
-        except RefusedError as error:
+        except (RefusedError, ParameterError) as error:
             response.message = str(error)
             return response
         response.success = True
@@ -371,6 +374,7 @@ class _Requests:
         return response
 
     def _step(self, request: Step.Request, response: Step.Response) -> Step.Response:
+        self.answer_finished_steps()  # there is room for one that waits
         try:
             self._engine.begin_steps(request.steps)
         except RefusedError as error:

@@ -23,8 +23,10 @@ from jammkle_common.command.results import note
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import (
     CARRIAGE_JOINT,
+    CARRIAGE_X_JOINT,
     CLOCK,
     DIAGNOSTICS,
+    GAIT_PHASE,
     ROBOT_DESCRIPTION,
     SIM_PARAMETERS,
     TOPICS,
@@ -95,7 +97,7 @@ def export(
         OSError: a table cannot be written.
 
     """
-    known: dict[str, list[str]] = {}
+    known: dict[str, dict[str, Any]] = {}
     with opened(bag) as reader:
         if not reader.message_count:
             msg = f"bag {bag} holds no messages"
@@ -103,7 +105,7 @@ def export(
         while True:
 
             def begun(name: str) -> TableFile:
-                return TableFile(folder / f"{name}.{form}", known.get(name, [TIME]))
+                return TableFile(folder / f"{name}.{form}", known.get(name, {TIME: None}))
 
             try:
                 return _Export(reader, begun, rate_hz, stop).run(on_progress)
@@ -181,9 +183,10 @@ class _Export:
             if topic not in topics:
                 topics.append(topic)
             if self._grid is None or apart:
-                self._write(name, {TIME: since_ns / NANOSECONDS_PER_SECOND, **row})
+                own = {f"{key}_of_message" if key == TIME else key: value for key, value in row.items()}
+                self._write(name, {TIME: since_ns / NANOSECONDS_PER_SECOND, **own})
                 continue
-            is_measured = topic.endswith(_MEASURED)
+            is_measured = topic.endswith(_MEASURED) and not topic.endswith(GAIT_PHASE.name)  # which jumps from 1 to 0
             for column, value in row.items():
                 name = self._column(connection, column)
                 self._grid.add(since_ns, name, value, is_measured=is_measured and isinstance(value, float))
@@ -242,9 +245,9 @@ PART_ROWS = 16_384
 
 
 class NewColumnError(Exception):
-    """A column came up after the head of a table was written; `columns` are all that are known now."""
+    """A column came up after the head of a table was written; `columns` are all that are known, with a value each."""
 
-    def __init__(self, table: str, columns: list[str]) -> None:
+    def __init__(self, table: str, columns: dict[str, Any]) -> None:
         """Keep the name of the table, and its columns."""
         super().__init__(table, columns)
         self.table, self.columns = table, columns
@@ -253,12 +256,12 @@ class NewColumnError(Exception):
 class TableFile:
     """One table that is being written. Columns are those of the rows before the first part is written."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, Any]) -> None:
         """Begin a table, CSV or Parquet by its suffix, with these columns; the file is made with its first part."""
         self.path = path
         self.rows = 0
-        self.columns = dict.fromkeys(columns)
-        """Names, in order."""
+        self.columns = dict(columns)
+        """By name, in order, a value that shows the type of one that comes late; None: not known."""
         self._held: list[dict[str, Any]] = []
         self._schema: Any = None
         self._writer: Any = None
@@ -273,9 +276,9 @@ class TableFile:
 
         """
         if not row.keys() <= self.columns.keys():
-            self.columns |= dict.fromkeys(row)
+            self.columns |= {name: row[name] for name in row if name not in self.columns}
             if self._schema is not None:
-                raise NewColumnError(self.path.stem, list(self.columns))
+                raise NewColumnError(self.path.stem, self.columns)
         self._held.append(row)
         if len(self._held) >= PART_ROWS:
             self._write()
@@ -305,7 +308,7 @@ class TableFile:
 
     def _write(self) -> None:
         if self._schema is None:
-            arrays = [pa.array([row.get(name) for row in self._held]) for name in self.columns]
+            arrays = [pa.array([shown, *(row.get(name) for row in self._held)]) for name, shown in self.columns.items()]
             self._schema = pa.schema(
                 [
                     pa.field(name, pa.float64() if pa.types.is_null(array.type) else array.type)
@@ -575,10 +578,13 @@ def _nested(
     return fill
 
 
+_SLIDES = (CARRIAGE_JOINT, CARRIAGE_X_JOINT)
+
+
 def _parallel(name: str, names: str, units: tuple[str, str] | None) -> Callable[[Any, str, Row], None]:
     def fill(message: Any, prefix: str, row: Row) -> None:
         for entry, value in zip(getattr(message, names), getattr(message, name), strict=False):
-            unit = f"_{units[entry == CARRIAGE_JOINT]}" if units else ""
+            unit = f"_{units[entry in _SLIDES]}" if units else ""
             row[f"{prefix}{entry}_{name}{unit}"] = value.item() if hasattr(value, "item") else value
 
     return fill

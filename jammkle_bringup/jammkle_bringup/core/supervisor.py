@@ -133,7 +133,8 @@ class _Child:
             stripped = line.rstrip()
             if stripped:
                 self._lines.append((time.monotonic(), stripped))
-                self._on_line(self.spec.name, stripped)
+                with contextlib.suppress(OSError, ValueError):  # who reads on our end is gone: the child must not block
+                    self._on_line(self.spec.name, stripped)
         self._ended_s = time.monotonic()
 
     def release(self) -> None:

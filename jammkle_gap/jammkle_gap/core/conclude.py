@@ -35,13 +35,13 @@ from jammkle_gap.core.result import (
 from jammkle_gap.core.simulate import StoppedError, on_one_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from jammkle_gap.core.calibrate import Calibration
     from jammkle_gap.core.constants import Constants
-    from jammkle_gap.core.decide import Detection, Posterior
+    from jammkle_gap.core.decide import Detection, Names, Posterior
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.discrepancy import Discrepancy
     from jammkle_gap.core.explain import Explained
@@ -131,7 +131,8 @@ def _fitted(evidence: Evidence, fit: Fit) -> tuple[FittedEffect, ...]:
             value, index = fit.values[key], list(fit.values).index(key)
             span = each.maximum - each.minimum
             low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
-            bound = min(value - each.minimum, each.maximum - value) < _AT_BOUND * span and value != each.null
+            beyond = [end for end in (each.minimum, each.maximum) if end != each.null]  # where it is off is no bound
+            bound = any(abs(value - end) < _AT_BOUND * span for end in beyond) and value != each.null
             seen = float(np.linalg.norm(fit.jacobian[:, index]))
             step = np.sqrt(DETECTABLE) / seen if seen > 0.0 else np.nan
             detectable = each.null + np.sign(value - each.null) * step
@@ -198,14 +199,15 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     detection = detect_beside_error(evidence.machine, error, explained.nothing, explained.noticed, constants)
     classes = class_names(evidence.classes)
     posterior = posterior_of(explained.likelihoods, fits, classes, constants)
-    if error.without_references and posterior.best == NONE_OF_THEM:
+    likeliest = _likeliest(posterior, classes)
+    if error.without_references and likeliest == NONE_OF_THEM:
         detection = without_directions(detection, constants)
     elif error.without_references:
         alone, beside = (
-            [each.deviations for each in _constants(evidence, fit)] for fit in (explained.within, fits[posterior.best])
+            [each.deviations for each in _constants(evidence, fit)] for fit in (explained.within, fits[likeliest])
         )
         detection = beyond_tolerance(detection, alone, beside, constants)
-    verdict = _verdict(detection, posterior)
+    verdict = _verdict(detection, posterior, likeliest)
     # What no data can tell apart is one answer, with the probability of all its members.
     shared = by_class(posterior.probabilities, classes)
     likely = {names: shared[class_of(names, classes)] for names in posterior.credible}
@@ -266,10 +268,16 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     )
 
 
-def _verdict(detection: Detection, posterior: Posterior) -> Verdict:
+def _likeliest(posterior: Posterior, classes: Mapping[str, str]) -> Names:
+    """Return the most probable member of the most probable equivalence class, which *none of them* is one by itself."""
+    best = next(iter(by_class(posterior.probabilities, classes)))
+    return next(names for names in posterior.probabilities if class_of(names, classes) == best)
+
+
+def _verdict(detection: Detection, posterior: Posterior, likeliest: Names) -> Verdict:
     if not detection.gap:
         return Verdict.NO_GAP
-    if posterior.best == NONE_OF_THEM:
+    if likeliest == NONE_OF_THEM:
         return Verdict.UNKNOWN
     return Verdict.EFFECTS if len(posterior.credible) == 1 else Verdict.AMBIGUOUS
 
@@ -366,5 +374,23 @@ def _notes(evidence: Evidence) -> tuple[str, ...]:
         found = ", ".join(f"{name} {x:+.1f}" for name, x in sorted(moved.items(), key=lambda item: -abs(item[1])))
         notes.append(f"calibrated to the references, in standard deviations of their priors: {found}")
     runs = [run for setting in evidence.settings for run in (*setting.faulty, *setting.references)]
+    notes += [text for setting in evidence.settings if (text := _cut_short(setting))]
     notes += [f"{run.name}: {note}" for run in runs for note in run.notes]
     return tuple(dict.fromkeys(notes))
+
+
+_MUCH = 0.9
+"""Share of the longest signal of a setting below which it is said that less is compared."""
+
+
+def _cut_short(setting: Setting) -> str:
+    """Return that less of a setting is compared than was recorded, and which signal ends there; empty: it is not so."""
+    ends = [
+        (float(run.signal(name).time_s[-1]), name, run.name)
+        for run in (*setting.faulty, *setting.references)
+        for name in setting.layout.signals
+    ]
+    (first_s, signal, name), (last_s, *_) = min(ends), max(ends)
+    if first_s >= _MUCH * last_s:
+        return ""
+    return f"setting '{setting.name}': {first_s:.3g} of {last_s:.3g} s are compared, as {signal} of {name} ends there"

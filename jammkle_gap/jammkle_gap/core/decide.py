@@ -330,11 +330,6 @@ class Posterior:
     credible: tuple[Names, ...]
     """Smallest set that holds the stated share of the probability."""
 
-    @property
-    def best(self) -> Names:
-        """The most probable candidate."""
-        return next(iter(self.probabilities))
-
 
 def posterior_of(
     likelihoods: Mapping[Names, float], fits: Mapping[Names, Fit], classes: Mapping[str, str], constants: Constants

@@ -87,9 +87,11 @@ def _tried(
     """
     plan = experiment.plan()
     layout, run = layout_of([plan], problem.bin_s(plan), problem.alignment), problem.coarse(plan)
+    made = [run_task(problem.simulator, problem.alignment, Task(run, layout, values)) for _, values in candidates]
+    runnable = all(np.isfinite(each).any() for each in made)  # where one cannot be run, nothing is told apart
     runs = [
-        (name, np.nan_to_num(run_task(problem.simulator, problem.alignment, Task(run, layout, values))))
-        for name, values in candidates
+        (name, np.nan_to_num(features) if runnable else np.zeros_like(features))
+        for (name, _), features in zip(candidates, made, strict=True)
     ]
     lasts_s = max(float(signal.time_s[-1]) for signal in run.signals)
     apart = [_apart(experiment.name, lasts_s, layout, *pair, problem, blocks) for pair in combinations(runs, 2)]

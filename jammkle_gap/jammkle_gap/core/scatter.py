@@ -7,6 +7,7 @@ references keeps the machine's own constants as further columns, the same in all
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -224,8 +225,10 @@ def settings_of(
 
     """
     groups: dict[str, tuple[list[Recording], list[Recording]]] = {}
+    given = {each.setting for each in recordings}
     for i, each in enumerate(recordings):
-        groups.setdefault(each.setting or f"run {i + 1}", ([], []))[0].append(each)
+        alone = next(name for k in itertools.count(i + 1) if (name := f"run {k}") not in {*given, *groups})
+        groups.setdefault(each.setting or alone, ([], []))[0].append(each)
     for each in references:
         if each.setting in groups:
             groups[each.setting][1].append(each)

@@ -402,7 +402,8 @@ class BodyFollower(Follower):
         joints, tendons = tracks[names.JOINT_STATES.name], tracks[names.TENDON_STATES.name]
         wanted = [f"{name}/position" for name in self._joints]
         pulls = [f"{tendon}/tension" for tendon in self._rig.tendon_names]
-        if not set(wanted) <= set(joints.columns) or not set(pulls) <= set(tendons.columns):
+        speeds = [f"{name}/velocity" for name in self._joints]
+        if not {*wanted, *speeds} <= set(joints.columns) or not set(pulls) <= set(tendons.columns):
             return []
         if joints.has_hole(stretch.begin_s, stretch.end_s) or tendons.has_hole(stretch.begin_s, stretch.end_s):
             return []

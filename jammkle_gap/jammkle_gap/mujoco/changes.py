@@ -34,8 +34,17 @@ def change_joints(
 
 
 def put(field: str, key: str, machine: Machine, values: Sequence[float]) -> None:
-    """Write one entry of a nonideality: a number, or several."""
-    getattr(machine, field)[key] = values[0] if len(values) == 1 else tuple(values)
+    """Add to one entry of a nonideality, a number or several: an effect of all joints and one of each act together."""
+    entries = getattr(machine, field)
+    own = list(values)
+    if key in entries and field == "sensor_scale":
+        own = [entries[key] * values[0]]
+    elif key in entries and field == "stribeck":  # the speed is that of the last
+        own = [entries[key][0] + values[0], values[1]]
+    elif key in entries:
+        before = entries[key] if len(values) > 1 else (entries[key],)
+        own = [one + more for one, more in zip(before, values, strict=True)]
+    entries[key] = own[0] if len(own) == 1 else tuple(own)
 
 
 def change_timing(field: str, machine: Machine, values: Sequence[float]) -> None:
@@ -96,12 +105,12 @@ def limit_torque(joint: str, machine: Machine, values: Sequence[float]) -> None:
 def soften_transmission(joint: str, machine: Machine, values: Sequence[float]) -> None:
     """Put a massless spring between encoder and link, rad/(N m) or m/N: in series with the drive."""
     _scale_drive(machine, joint, 1.0 / (1.0 + values[0] * _actuator(machine, joint).gainprm[0]), fed=True)
-    machine.compliance[joint] = values[0]
+    machine.compliance[joint] = machine.compliance.get(joint, 0.0) + values[0]
 
 
 def scale_encoder(joint: str, machine: Machine, values: Sequence[float]) -> None:
     """Scale the reading of an encoder, which its drive regulates."""
-    machine.scale[joint] = values[0]
+    machine.scale[joint] = machine.scale.get(joint, 1.0) * values[0]
     _scale_drive(machine, joint, values[0], fed=False)
 
 

@@ -114,9 +114,9 @@ class Modifier:
 
         """
         self._notice(data)
-        if self._time_s == -math.inf:
-            mujoco.mj_forward(self._model, data)  # friction with load begins with a load
-        self._time_s = float(data.time)
+        is_first, self._time_s = self._time_s == -math.inf, float(data.time)
+        if is_first:
+            mujoco.mj_forward(self._model, data)  # what readings that come late begin with
         parts = (("point", set_points), ("rate", rates or {}), ("effort", efforts or {}))
         sent = [((joint, kind), value) for kind, part in parts for joint, value in part.items()]
         for (joint, _), value in sent:
@@ -131,6 +131,8 @@ class Modifier:
             asked = self._asked[joint] = self._made(joint, drive)
             # The motor turns against the load by half the backlash before it moves it.
             data.ctrl[drive.actuator] = drive.gear * (asked - self._backlash(joint, data))
+        if is_first:
+            mujoco.mj_forward(self._model, data)  # friction with load begins with a load
         friction = self._model.dof_frictionloss
         update_friction(self._friction_rows, friction, data.qfrc_actuator, data.qfrc_bias, data.qvel)
 

@@ -447,6 +447,7 @@ def _stepped(
     driving, bias, friction = data.qfrc_actuator, data.qfrc_bias, model.dof_frictionloss
     for k, start in enumerate(starts):
         mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        control[:] = controls[k, 0]
         mujoco.mj_forward(model, data)
         for i in range(count):
             position[k, i] = angles[joints]
