@@ -47,7 +47,10 @@ Timed = TypeVar("Timed", JamReport, Event, Landing)
 IMU_SIGNALS = (*FORCE.signals.values(), *RATE.signals.values())
 
 _LEAST_VACUUM_PA = 0.1 * STANDARD_ATMOSPHERE_PA
-"""From which on a channel is taken to be jammed, where no driver says more; no vacuum is the standard atmosphere."""
+"""From which on a channel is taken to be jammed, where no driver says more."""
+_HIGHEST_PA = 70e3
+"""Largest reading from which on a channel counts as vented once: the atmosphere at 3000 m. Below it has been jammed all
+the time, and is counted from the standard atmosphere."""
 _HELD_S = 0.5
 """For how long a pressure holds after its last reading, s. Chosen: fifty readings, as not all topics end at once."""
 _SHORTEST_S = 1e-3
@@ -150,7 +153,10 @@ class Recorded(Motion):
         track = self.readings.get(topic)
         if track is None or not (track.covers(time_s) or track.covers(time_s - _HELD_S)):
             return Channel(ChannelState.UNKNOWN, math.nan, math.nan, "nobody measured its pressure")
-        vacuum_pa = STANDARD_ATMOSPHERE_PA - track.at(time_s)[topic]
+        # No reading is above the atmosphere: of a channel that was ever vented the largest one is it.
+        largest_pa = float(np.nanmax(track.columns[topic]))
+        is_in_mountains = _HIGHEST_PA <= largest_pa < STANDARD_ATMOSPHERE_PA
+        vacuum_pa = (largest_pa if is_in_mountains else STANDARD_ATMOSPHERE_PA) - track.at(time_s)[topic]
         jams = vacuum_pa > _LEAST_VACUUM_PA
         return Channel(
             ChannelState.JAMMED if jams else ChannelState.UNJAMMED, math.nan, max(vacuum_pa, 0.0), "by its pressure"
@@ -210,6 +216,7 @@ class Rows:
         """Begin without a sample."""
         self.time_s = array("d")
         self._columns: dict[str, array[float]] = {}
+        self._latest: dict[str, tuple[float, float]] = {}
 
     def append(self, time_s: float, row: Mapping[str, float]) -> None:
         """Add a sample; a signal that a row does not have is not a number there."""
@@ -219,15 +226,22 @@ class Rows:
         for name, values in self._columns.items():
             values.append(row.get(name, math.nan))
 
+    def append_part(self, time_s: float, row: Mapping[str, float]) -> None:
+        """Add a sample of one of several publishers: what it lacks is as the others have just said."""
+        lately = {name: value for name, (at_s, value) in self._latest.items() if 0.0 <= time_s - at_s < _HELD_S}
+        self.append(time_s, {**lately, **row})
+        self._latest |= {name: (time_s, value) for name, value in row.items()}
+
     def last(self) -> dict[str, float] | None:
         """Return the latest row; None where there is none."""
         return {name: values[-1] for name, values in self._columns.items()} if self.time_s else None
 
     def track(self, start_s: float) -> Track:
-        """Return the samples in rising time since a start, the first of those of one time."""
+        """Return the samples in rising time since a start, the last of those of one time."""
         if not self.time_s:
             return NOTHING
-        time_s, order = np.unique(np.asarray(self.time_s) - start_s, return_index=True)
+        time_s, from_end = np.unique(np.asarray(self.time_s)[::-1] - start_s, return_index=True)
+        order = len(self.time_s) - 1 - from_end
         return Track(time_s, {name: np.asarray(values)[order] for name, values in sorted(self._columns.items())})
 
 
@@ -250,7 +264,7 @@ class Collected:
         """Take joints of another ankle of the robot."""
         sample = TAKERS[names.JOINT_STATES.name](message)
         if isinstance(sample, Joints):
-            self._others[ankle].append(sample.time_s, sample.positions)
+            self._others[ankle].append_part(sample.time_s, sample.positions)
 
     def take(self, sample: Sample) -> None:
         """Take a sample of the ankle, or of its robot."""
@@ -258,7 +272,7 @@ class Collected:
             case Base():
                 self._base.append(sample.time_s, _base_row(sample, self._base.last()))
             case Joints():
-                self._joints.append(sample.time_s, sample.positions)
+                self._joints.append_part(sample.time_s, sample.positions)
             case Tendons():
                 self._tensions_n.append(sample.time_s, sample.tensions_n)
                 self._extensions_m.append(sample.time_s, sample.extensions_m)

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from jammkle_common import names
-from jammkle_view.core.samples import ChannelState
+from jammkle_view.core.samples import ChannelState, Joints, Pressure
 from jammkle_view.overlay import overlay_of
 from jammkle_view.playback import Player
-from jammkle_view.recorded import Recorded, Track, read_recorded
+from jammkle_view.recorded import Collected, Recorded, Track, read_recorded
 
 JAMMKLE = Path(sys.executable).with_name("jammkle")
 LOST = "fibre_loss_achilles_left: {lost: 0.8}\n"
@@ -80,6 +80,27 @@ def test_what_nobody_measured_is_not_known(recorded: Recorded) -> None:
     unmeasured = some.state_at(begins_s + 1.5).channels[names.PERONEAL_LEFT]
     assert unmeasured.state is ChannelState.UNKNOWN
     assert math.isnan(unmeasured.measured_vacuum_pa)
+
+
+def test_joints_of_two_publishers_are_all_there() -> None:
+    """A robot's joints and its ankle's come in turn, or with one stamp: none is unknown in between."""
+    collected = Collected()
+    for k in range(500):
+        collected.take(Joints(0.01 * k, {"ankle_pitch": 0.1}))
+        collected.take(Joints(0.01 * k, {"carriage": 0.2}))
+        collected.take(Joints(0.01 * k + 0.003, {"hip": 0.4}))
+    shown = collected.recorded("bag", "/").state_at(2.501).joints
+    assert shown == pytest.approx({"ankle_pitch": 0.1, "carriage": 0.2, "hip": 0.4})
+
+
+@pytest.mark.parametrize(("vented_pa", "state"), [(89.9e3, ChannelState.UNJAMMED), (51e3, ChannelState.JAMMED)])
+def test_thin_air_is_no_vacuum(vented_pa: float, state: ChannelState) -> None:
+    """A vented ankle at 1000 m is not jammed; one that is evacuated all the time is."""
+    collected = Collected()
+    topic = names.PRESSURES[names.CHANNELS[0]].name
+    for k in range(100):
+        collected.take(Pressure(0.01 * k, topic, vented_pa))
+    assert collected.recorded("bag", "/").state_at(0.5).channels[names.CHANNELS[0]].state is state
 
 
 def test_a_playback_goes_round() -> None:
