@@ -124,6 +124,28 @@ def test_wherever_a_bag_is_cut_it_is_recovered_up_to_there(torn: Path) -> None:
     assert 0 <= np.diff(counts).min() <= np.diff(counts).max() <= 3  # as many messages as 97 bytes hold
 
 
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_zeros_of_a_file_system_are_no_part_of_a_message(tmp_path: Path, compression: CompressionType) -> None:
+    """Wherever a crash left zeros in place of what was not written, no message is made up of them."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=compression, chunk_size=500)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/level", "cdr", schema)
+        whole = [(10**18 + number, b"\0\1\0\0" + struct.pack("<d", 1.5 + number)) for number in range(40)]
+        for log_ns, data in whole:
+            writer.add_message(channel, log_ns, data, log_ns)
+        writer.finish()
+    data = path.read_bytes()
+    for cut in range(900, 1600, 7):
+        path.write_bytes(data[:cut] + bytes(4096))
+        recover(path, lambda _: None)
+        found = [(log_ns, message) for _, log_ns, message in contents(path)]
+        assert 0 < len(found) <= len(whole)
+        assert found == whole[: len(found)]
+
+
 def test_a_torn_chunk_that_is_compressed_is_left_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without a message that could be read nothing is cut off, also of a copy: others may still get something out."""
     file = tmp_path / "copied.mcap"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import errno
+import io
 import shutil
 import struct
 from collections import Counter
@@ -343,7 +344,7 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
         InputError: no MCAP file, not in chunks, or damaged before its last record.
 
     """
-    section = DataSection(size=stream.seek(0, 2))
+    section = DataSection(size=_end_of_data(stream))
     stream.seek(0)
     if stream.read(len(MCAP)) != MCAP:
         msg = "it is no MCAP file"
@@ -365,8 +366,25 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
         on_progress(section.end / section.size)
     else:
         stream.seek(section.end)
-        _take_torn_chunk(section, stream.read())
+        _take_torn_chunk(section, stream.read(section.size - section.end))
     return section
+
+
+_BLOCK = 512
+"""Zeros at the end from which on they are of a file system, in place of what it had not written: a sector."""
+
+
+def _end_of_data(stream: BinaryIO) -> int:
+    """Return where a file ends, without the zeros that a file system has left there; no message may reach into them."""
+    size = end = stream.seek(0, 2)
+    while end:
+        begin = max(end - io.DEFAULT_BUFFER_SIZE, 0)
+        stream.seek(begin)
+        kept = len(stream.read(end - begin).rstrip(b"\0"))
+        end = begin + kept
+        if kept:
+            break
+    return end if size - end >= _BLOCK else size
 
 
 def _take_torn_chunk(section: DataSection, torn: bytes) -> None:
