@@ -32,6 +32,7 @@ ELSEWHERE: dict[str, str] = {
     r'export PATH="\$PWD/.venv/bin|until grep|sleep 3|kill -INT|jammkle up > up.log': _FIRST_SESSION,
     r"jammkle (status|unjam|jam --vacuum-kpa 45)$": _FIRST_SESSION,
     r"(\.venv/bin/)?jammkle demo": _LANDING,
+    r"jammkle call": "test/test_graph_requests.py",
     r"jammkle record -o runs/(my_bag|quadruped)$": "jammkle_bringup/test/test_bringup_recorder.py",
     r"jammkle recover": "jammkle_bringup/test/test_bringup_recovery.py",
     r"jammkle gap diagnose runs/(leaking|leg)": _DIAGNOSIS,
