@@ -18,7 +18,7 @@ from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
 from jammkle_common.command.main import EXIT_BAD_INPUT, EXIT_FAILED, failed
 from jammkle_common.command.options import ON_BAGS, ON_THE_GRAPH, JsonOption, NamespaceOption
-from jammkle_common.names import normalised
+from jammkle_common.names import normalised, resolved
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -160,8 +160,9 @@ def status(namespace: NamespaceOption = "/", verbose: AllOption = False, json: J
     console.print(channels.status_line(ankles, health, verbose=verbose), markup=False)
     for ankle, jam_status in ankles.items():
         if jam_status.emergency_stopped:
-            driver = f"{ankle}/driver" if ankle else "driver"
-            console.print(f"emergency stop: everything is released until {driver}/clear_fault (jammkle call)")
+            within = resolved(normalised(namespace), ankle) if ankle else normalised(namespace)
+            asked = "jammkle call driver/clear_fault" + (f" --namespace {within}" if within != "/" else "")
+            console.print(f"emergency stop: everything is released until `{asked}`")
     for table in channels.status_tables(ankles, health, verbose=verbose):
         console.print(table)
     content = {ankle: dataclasses.asdict(jam_status) for ankle, jam_status in ankles.items()}

@@ -108,7 +108,7 @@ def subscribe_to_any(
     A subscription asks for one quality, and publishers that offer less do not match it: so there are two or three, and
     a message comes up to three times, with the same info. That less was offered to one of them is no warning.
     """
-    # All wait as long: what the shortest still has comes later than what it lost, and would make that look old.
+    # All are as deep: a shorter one would hand over newer messages first, and what the others kept would count as late.
     profiles = [_profile(dataclasses.replace(subscribed(topic), depth=_DEPTH)), newest_qos(_DEPTH)]
     if subscribed(topic).latched:
         # of those that do not latch, as `ros2 topic pub` by default does not, a latched subscription sees nothing

@@ -264,7 +264,7 @@ def test_trajectories_are_played_on_from_how_fast_the_one_before_was() -> None:
     assert _played([whole], 0.0).at(np.array([0.02, 0.08])) == pytest.approx([0.02, 0.08])
 
 
-def test_two_sensors_with_one_frame_are_told_apart_by_the_map() -> None:
+def test_two_sensors_with_one_frame_are_named_in_the_map() -> None:
     """Raw and filtered readings of one IMU are not mixed: the map names one of the topics, or none is compared."""
     rows = [(0.01 * k, 0.0, 0.0, 9.81) for k in range(5)]
     sensed = {(topic, "imu", Sense.ACCELERATION): rows for topic in ("/imu/data", "/imu/data_raw")}

@@ -88,7 +88,7 @@ def _tried(
     plan = experiment.plan()
     layout, run = layout_of([plan], problem.bin_s(plan), problem.alignment), problem.coarse(plan)
     made = [run_task(problem.simulator, problem.alignment, Task(run, layout, values)) for _, values in candidates]
-    runnable = all(np.isfinite(each).any() for each in made)  # where one cannot be run, nothing is told apart
+    runnable = all(np.isfinite(each).any() for each in made)  # where one cannot be, nothing is separated
     runs = [
         (name, np.nan_to_num(features) if runnable else np.zeros_like(features))
         for (name, _), features in zip(candidates, made, strict=True)
