@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -247,6 +248,22 @@ def test_what_is_sent_once_counts_with_a_driver_that_was_held_up(graph: Graph) -
             stop.publish(Bool(data=number < 5))
         process.send_signal(signal.SIGCONT)
         graph.spin_until(lambda: graph.ankle.states[-1].emergency_stopped and graph.ankle.released())
+
+
+def test_a_fake_ankle_waits_for_a_driver_that_was_held_up(graph: Graph) -> None:
+    """On a busy machine its process may get no core for longer than a board's watchdog: what a service jammed holds."""
+    with process_of_its_own(graph, "--ros-args", "-p", "hardware:=fake") as process:
+        assert graph.call(Jam, names.JAM.path, channels=[]).success
+        graph.spin_until(lambda: graph.ankle.all_in(ChannelJamState.JAMMED))
+        begun = len(graph.ankle.states)
+        for held_up_s in (0.22, 0.3, 1.0):
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(held_up_s)
+            process.send_signal(signal.SIGCONT)
+            after = len(graph.ankle.states)
+            graph.spin_until(lambda after=after: len(graph.ankle.states) > after + 1)
+        states = {channel.state for state in graph.ankle.states[begun:] for channel in state.channels}
+        assert states == {ChannelJamState.JAMMED}
 
 
 def test_a_stop_by_another_name_is_not_taken_back_by_others(graph: Graph) -> None:
