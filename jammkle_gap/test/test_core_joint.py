@@ -224,6 +224,18 @@ def test_one_signal_that_is_far_off_is_something_else(error: float, gap: bool) -
     assert found.verdict is (Verdict.UNKNOWN if gap else Verdict.NO_GAP)
 
 
+def test_nothing_is_corrected_by_what_is_not_named_as_the_cause() -> None:
+    """Effects are in the credible set, and none of them is likelier: ledger and constants are without any."""
+    runs = [_bent(run, 0.1) for run in recorded(44, {}, {"arm.mass": 1.06, "servo.stiffness": 0.93})]
+    problem = replace(EXACT, accuracy=0.02)
+    found = diagnose(runs, problem, jobs=1)
+    assert found.verdict is Verdict.UNKNOWN
+    assert any(each.names for each in found.candidates)
+    assert [entry.part for entry in found.ledger] == ["constants of the machine", "left"]
+    without = evidence_of(runs, (), problem, Runner(problem, 1), Constants(), None).explained.within.machine
+    assert {each.name: each.value for each in found.constants} == pytest.approx(without)
+
+
 def test_an_effect_is_named_beside_an_error_within_the_accuracy() -> None:
     runs = [_bent(run, 0.005) for run in recorded(42, {"load.share": 0.5}, {})]
     value, _ = named(diagnose(runs, replace(EXACT, accuracy=0.005), jobs=1), "load")

@@ -217,7 +217,8 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     if verdict is Verdict.NO_GAP:
         credible = []
     named = [names for names in credible if names != NONE_OF_THEM]
-    best = fits[named[0]] if named else None
+    # What is not named as the cause corrects nothing.
+    best = fits[named[0]] if named and verdict is not Verdict.UNKNOWN else None
     left_with = best or explained.within
     traces = _traces(evidence, left_with)
     following: NextExperiment | None = None
