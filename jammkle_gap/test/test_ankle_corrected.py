@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from jammkle_common import names
+from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import ParameterError
 from jammkle_gap import AnkleInputs, Recording
-from jammkle_gap.ankle.corrected import Correction, corrected_text, load_correction
+from jammkle_gap.ankle.corrected import Correction, corrected_text, load_change, load_correction
 from jammkle_gap.ankle.effects import ankle_library, machine_constants
 from jammkle_gap.ankle.simulator import AnkleSimulator
 from jammkle_gap.core.effects import BadEffectError, Library
@@ -24,8 +25,18 @@ from jammkle_sim.rigs.rig import laws_of
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from jammkle_sim.rigs.run import RigRun
+
 LIBRARY = ankle_library()
 NO_COMMANDS = CommandTrack(Timeline(np.zeros(1), np.zeros(1)), {})
+OWN_LATENESS = """\
+slow_bus:
+  subsystem: timing
+  sentence: "The bus is slow."
+  inputs: shift_commands
+  parameters:
+    late_s: {unit: s, "null": 0, minimum: 0, maximum: 0.1, source: "a bus"}
+"""
 VALUES = {"line_leak_achilles.conductance_dm3_s_bar": 0.0012345678901234567, "imu_misalignment.roll_rad": -0.1}
 
 
@@ -151,6 +162,25 @@ def test_what_the_diagnosis_wrote_runs_live(tmp_path: Path) -> None:
     robot = make_robot(RobotParameters(effects_file=str(tmp_path / "corrected.yaml"))).machine
     assert set(robot.left_out) == {"imu_latency.delay_s", "lever_toe.scale"}
     assert robot.description()["effects"] == {"ankle": {**pump, **leak}}
+
+
+def test_a_rig_goes_without_constants_of_recorded_commands(tmp_path: Path) -> None:
+    """It has no recording whose commands could come late; of `release_latency` it showed one half, that of the sensors."""
+    late = {"command_latency.late_s": 0.01, "release_latency.late_s": 0.02}
+    library = Library((*machine_constants(), *LIBRARY))
+    (tmp_path / "corrected.yaml").write_text(corrected_text(library, {**late, "pump_wear.flow_scale": 0.5}))
+    options = RIGS["landing"].options()
+
+    def made(file: str) -> RigRun:
+        return run_rig("landing", options, lambda _: None, lambda: False, load_change(tmp_path / file))
+
+    run = made("corrected.yaml")
+    assert set(run.left_out) == set(late)
+    assert set(run.description["effects"]) == {"pump_wear.flow_scale", "pump_wear.vacuum_scale"}
+    (tmp_path / "own.yaml").write_text(OWN_LATENESS)
+    (tmp_path / "effects.yaml").write_text("library: own.yaml\nslow_bus:\n  late_s: 0.01\n")
+    with pytest.raises(InputError, match=r"'slow_bus' acts on recorded commands.*command_delay"):
+        made("effects.yaml")
 
 
 def test_a_reset_forgets_commands_on_their_way(tmp_path: Path) -> None:

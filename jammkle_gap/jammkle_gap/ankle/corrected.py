@@ -62,12 +62,23 @@ class Correction:
 
     def drawn(self, rig: Rig) -> Rig:
         """Return a rig built with the constants that its drawing takes; the same where none of these differs."""
-        if rig.name not in RIGS:
+        drawn = _inputs_of(rig)
+        if drawn is None:
             return rig
-        options = tuple(sorted(dataclasses.asdict(rig.options).items()))
-        drawn = AnkleInputs(rig.name, options, _NO_COMMANDS)
         changed = drawing_of(apply_to_inputs(drawn, self.library, self.values))
         return rig if changed == drawing_of(drawn) else rig_of(changed)
+
+    def changes_commands(self, rig: Rig) -> bool:
+        """Return whether an effect acts on the commands of a recording of such a rig."""
+        drawn = _inputs_of(rig)
+        return drawn is not None and apply_to_inputs(drawn, self.library, self.values).commands is not drawn.commands
+
+
+def _inputs_of(rig: Rig) -> AnkleInputs | None:
+    """Return what a rig is drawn from; None of one that is not in the catalogue."""
+    if rig.name not in RIGS:
+        return None
+    return AnkleInputs(rig.name, tuple(sorted(dataclasses.asdict(rig.options).items())), _NO_COMMANDS)
 
 
 def corrected_text(library: Library, values: Mapping[str, float], library_file: Path | None = None) -> str:
@@ -145,14 +156,17 @@ class RigChange:
         return self.correction.values
 
     def __call__(self, rig: Rig) -> Rig:
-        """Return a rig with the effects in it.
+        """Return a rig with the effects in it, and without constants that act on the commands of a recording.
 
         Raises:
-            InputError: the rig has not what an effect changes.
+            InputError: the rig has not what an effect changes, or an effect acts on the commands of a recording.
 
         """
+        on_commands = [effect for effect in self._parts() if self._alone(effect).changes_commands(rig)]
+        why = "acts on recorded commands, which only a replay has; take it out of the file, or use command_delay"
+        shown = self._without(on_commands, why)
         try:
-            return dataclasses.replace(self.correction(rig), left_out=self.left_out)
+            return dataclasses.replace(shown.correction(rig), left_out=shown.left_out)
         except BadEffectError as error:
             raise InputError(str(error)) from error
 

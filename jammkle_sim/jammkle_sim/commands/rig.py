@@ -191,6 +191,8 @@ def _show(name: str, done: list[_Done], mjcf: Path | None) -> None:
     console = results.console()
     columns = {f"run {i}" if len(done) > 1 else "value": each.run.results for i, each in enumerate(done)}
     console.print(figures_table(f"Rig {name}", columns))
+    if left_out := done[0].run.left_out:
+        console.print(f"left out of --effects, as only a replay of recorded commands shows them: {', '.join(left_out)}")
     for each in done:
         where = f" in {escape(str(each.bag))}" if each.bag is not None else ""
         if each.run.clipped:
@@ -212,4 +214,5 @@ def _as_json(repeat: int, done: _Done) -> dict[str, Any]:
         "results": {name: value if math.isfinite(value) else None for name, value in done.run.results.items()},
         "broken": list(done.run.broken),
         "clipped": list(done.run.clipped),
+        "left_out": list(done.run.left_out),
     }

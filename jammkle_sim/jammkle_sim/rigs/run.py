@@ -114,6 +114,8 @@ class RigRun:
     """What read the end of its range, as a plain phrase with the range: figures taken from it are too small."""
     robot_description: str = ""
     """URDF, of a robot."""
+    left_out: tuple[str, ...] = ()
+    """What of an effects file it goes without, by `constant.parameter`."""
 
 
 def check_timestep(timestep_s: float) -> None:
@@ -181,6 +183,7 @@ def run(
         results=programme.evaluate({**topics, **watched}),
         broken=tuple(tendon.name for tendon in simulation.ankle.tendons() if tendon.broken),
         clipped=_clipped(rig.sensors, topics),
+        left_out=tuple(rig.left_out),
     )
 
 
