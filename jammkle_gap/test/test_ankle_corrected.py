@@ -165,7 +165,7 @@ def test_what_the_diagnosis_wrote_runs_live(tmp_path: Path) -> None:
 
 
 def test_a_rig_goes_without_constants_of_recorded_commands(tmp_path: Path) -> None:
-    """It has no recording whose commands could come late; of `release_latency` it showed one half, that of the sensors."""
+    """It has no recording whose commands could come late; `release_latency` would shift its readings alone."""
     late = {"command_latency.late_s": 0.01, "release_latency.late_s": 0.02}
     library = Library((*machine_constants(), *LIBRARY))
     (tmp_path / "corrected.yaml").write_text(corrected_text(library, {**late, "pump_wear.flow_scale": 0.5}))

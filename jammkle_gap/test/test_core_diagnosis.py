@@ -168,6 +168,17 @@ def test_a_simulator_that_cannot_run_a_recording_at_all_is_refused() -> None:
     with pytest.raises(SimulatorError, match="angle"):
         diagnose(machine(1).record(1), replace(PROBLEM, simulator=lambda _recording, _values: {}), jobs=1)
 
+    for wrong, message in ((np.nan, "to a finite end"), (None, r"'angle' of recording.*no effect has shape \(\d+,\)")):
+
+        def broken(
+            recording: Recording, values: Mapping[str, float], wrong: float | None = wrong
+        ) -> dict[str, NDArray[np.float64]]:
+            angle = simulate(recording, values)["angle"]
+            return {"angle": angle[:-1] if wrong is None else np.where(np.arange(angle.size) < 50, angle, wrong)}
+
+        with pytest.raises(SimulatorError, match=message):
+            diagnose(machine(1).record(1), replace(PROBLEM, simulator=broken), jobs=1)
+
 
 def test_a_second_diagnosis_does_not_simulate_the_grid_again(tmp_path: Path) -> None:
     """Nor does one of other runs in the same setting; the answer is the same."""

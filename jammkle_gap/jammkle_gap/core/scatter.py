@@ -316,8 +316,8 @@ def residuals_of(settings: Sequence[Setting], runner: Runner, values: Mapping[st
             made = np.array([next(simulated) for _ in runs]).reshape(-1, setting.layout.size)
             for run, row in zip(runs, made, strict=True):
                 if not np.isfinite(setting.layout.by_signal(row)).any():
-                    msg = f"without any effect the simulator cannot run recording '{run.name}', or gives none of its "
-                    msg += f"signals ({', '.join(setting.layout.signals)})"
+                    msg = f"without any effect the simulator cannot run recording '{run.name}' to a finite end, or "
+                    msg += f"gives none of its signals ({', '.join(setting.layout.signals)})"
                     raise UnrunnableError(msg)
             tables.append((np.nan_to_num(features - made), made))
         found.append(Residuals(tables[0][0], tables[1][0], tables[0][1].mean(axis=0)))

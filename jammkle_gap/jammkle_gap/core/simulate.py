@@ -246,21 +246,31 @@ def run_task(simulator: Simulator, alignment: Alignment | None, task: Task) -> N
 def simulated(
     simulator: Simulator, recording: Recording, values: Mapping[str, float]
 ) -> Mapping[str, NDArray[np.float64]]:
-    """Return what a simulator says of a recording, by signal.
+    """Return what a simulator says of a recording, by signal; one that is NaN throughout is not given.
 
     Raises:
-        InfeasibleError: it cannot be run with these values.
-        SimulatorError: the simulator failed.
+        InfeasibleError: it cannot be run with these values, or a signal ends in NaN as of one that has blown up.
+        SimulatorError: the simulator failed, or a signal has not a sample per time of the recording.
 
     """
+    given = ", ".join(f"{name}={value:g}" for name, value in values.items()) or "no effect"
     try:
-        return simulator(recording, values)
+        made = {name: np.asarray(row, dtype=np.float64) for name, row in simulator(recording, values).items()}
     except (InfeasibleError, StoppedError):
         raise
     except Exception as error:  # whatever a user's simulator may raise
-        given = ", ".join(f"{name}={value:g}" for name, value in values.items()) or "no effect"
         msg = f"the simulator failed on recording '{recording.name}' with {given}: {type(error).__name__}: {error}"
         raise SimulatorError(msg) from error
+    for signal in recording.signals:
+        row = made.get(signal.name, signal.values)
+        if row.shape != signal.values.shape:
+            msg = f"the simulator's '{signal.name}' of recording '{recording.name}' with {given} has shape "
+            msg += f"{row.shape}; it must be a sample per time of the signal: {signal.values.shape}"
+            raise SimulatorError(msg)
+        finite = np.isfinite(row)
+        if finite.any() and not finite.all():
+            raise InfeasibleError(signal.name)
+    return made
 
 
 def _sendable(problem: Problem) -> bool:
