@@ -93,8 +93,21 @@ def test_a_robot_whose_time_begins_anew_is_followed() -> None:
     ankle.take(Joints(100.0, {"carriage": 0.1}))
     ankle.take(Pressure(99.99, names.MANIFOLD_PRESSURE.name, 1e5))
     assert ankle.time_s == 100.0
-    ankle.take(Joints(0.1, {"carriage": 0.1}))
-    assert ankle.time_s == 0.1
+    for anew_s in (0.1, 8.0, 5.0):
+        ankle.take(Joints(anew_s, {"carriage": 0.1}))
+        assert ankle.time_s == anew_s
+
+
+def test_a_sensor_that_has_died_is_not_plotted_on() -> None:
+    """Its last reading is no measurement of what comes after; one that is only slower than the others is kept."""
+    ankle = Ankle()
+    dead, slow, *others = names.PRESSURES.values()
+    for step in range(200):
+        for topic in (*others, *([slow] if step % 10 == 0 else []), *([dead] if step < 50 else [])):
+            ankle.take(Pressure(0.01 * step, topic.name, 1e5))
+    _, pressures_pa = ankle.pressures_pa.window(1.2, 2.0)
+    assert np.isnan(pressures_pa).all(axis=0).sum() == 2  # there is no manifold either
+    assert np.isfinite(pressures_pa).all(axis=0).sum() == 2
 
 
 def test_pressures_are_plotted_without_a_sensor_of_the_manifold() -> None:

@@ -89,6 +89,10 @@ SPAN_S = 10.0
 """Time that a plot shows."""
 _FASTEST_HZ = 1000.0
 _EVENTS = 50
+_ANEW_S = 1.0
+"""By how much stamps must fall for the robot's time to have begun anew, s. Chosen: above what messages come late."""
+_SILENT_S = 0.5
+"""Age from which a pressure is not shown as measured, s. Chosen: five readings of the slowest sensors, of 10 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +183,7 @@ class Ankle(AnkleState):
         self.rates_rad_s = Trace(len(RATE.signals), capacity)
         self.pulls_n = Trace(len(TENSION.signals), capacity)
         self._latest_pa = [math.nan] * len(PRESSURE.signals)
+        self._measured_s = [math.nan] * len(PRESSURE.signals)
         self._pressures_at_s = math.nan
 
     def take(self, sample: Sample) -> None:
@@ -215,7 +220,7 @@ class Ankle(AnkleState):
         self.channels = {}
 
     def _measured_at(self, time_s: float) -> None:
-        if not time_s <= self.time_s or time_s < self.time_s - SPAN_S:  # the robot's time may begin anew
+        if not time_s <= self.time_s or time_s < self.time_s - _ANEW_S:  # the robot's time may begin anew
             self.time_s = time_s
 
     def _take_pressure(self, sample: Pressure) -> None:
@@ -224,6 +229,9 @@ class Ankle(AnkleState):
         # Whole sets are shown, each once the next one begins: which sensors there are is not known.
         if sample.time_s != self._pressures_at_s:
             if math.isfinite(self._pressures_at_s):
-                self.pressures_pa.append(self._pressures_at_s, self._latest_pa)
+                silent = [abs(self._pressures_at_s - each) > _SILENT_S for each in self._measured_s]
+                values = [math.nan if old else each for each, old in zip(self._latest_pa, silent, strict=True)]
+                self.pressures_pa.append(self._pressures_at_s, values)
             self._pressures_at_s = sample.time_s
-        self._latest_pa[_PRESSURE_TOPICS.index(sample.topic)] = sample.pressure_pa
+        place = _PRESSURE_TOPICS.index(sample.topic)
+        self._latest_pa[place], self._measured_s[place] = sample.pressure_pa, sample.time_s
