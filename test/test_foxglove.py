@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
 import socket
 import struct
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Imu
@@ -18,6 +22,7 @@ from std_msgs.msg import String
 from websockets.sync.client import ClientConnection, connect
 
 from browser import wait_until
+from graph import environment
 from jammkle_common.names import BASE_FRAME, IMU, JAM_STATE, ODOM_FRAME, ODOMETRY, ROBOT_DESCRIPTION, TF
 from jammkle_msgs.msg import JamState
 from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
@@ -26,7 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from graph import Up
+    from rclpy.publisher import Publisher
+
+    from graph import Probe, Up
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE = 1
@@ -117,6 +124,38 @@ def test_the_app_gets_the_topics_it_looks_at(start: Callable[..., Up], tmp_path:
             (info,) = [said for said in app.reported if said["op"] == "serverInfo"]
             assert set(info["capabilities"]) == {"time"}  # nothing that would let it publish or call
     assert up.stop() == 0, up.text()
+
+
+def test_a_publisher_that_comes_later_and_promises_less_is_forwarded(
+    domain_id: int, make_probe: Callable[..., Probe]
+) -> None:
+    """A subscription that asks for more than a publisher offers gets nothing of it, and nobody says so."""
+    probe, port, topic = make_probe(), str(free_port()), "/seen"
+    weaker = ReliabilityPolicy.BEST_EFFORT
+    reliable = probe.node.create_publisher(String, topic, 10)
+    command = [sys.executable, "-m", "jammkle_view.foxglove", "--ros-args", "-p", f"port:={port}"]
+    with subprocess.Popen(command, env=environment(domain_id)) as process:
+        try:
+            wait_until(lambda: listens(port), "it listens")
+            with connect(f"ws://localhost:{port}", subprotocols=[PROTOCOL]) as connection:
+                app = App(connection)
+                app.subscribe(1, topic)
+
+                def seen(publisher: Publisher, text: str) -> bool:
+                    publisher.publish(String(data=text))
+                    return any(deserialize_message(data, String).data == text for _, data in app.messages.get(1, ()))
+
+                app.listen_until(lambda: seen(reliable, "reliable"), "the first is forwarded")
+                best_effort = probe.node.create_publisher(String, topic, QoSProfile(depth=10, reliability=weaker))
+                app.listen_until(lambda: seen(best_effort, "best effort"), "the second is forwarded")
+        finally:
+            process.terminate()
+
+
+def listens(port: str) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", int(port))):
+        return True
+    return False
 
 
 def test_what_cannot_be_is_refused_in_a_line(start: Callable[..., Up]) -> None:

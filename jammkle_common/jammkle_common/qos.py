@@ -182,7 +182,7 @@ def misses(asked: QoSProfile, offered: QoSProfile) -> bool:
 
 
 def strongest(offered: Sequence[QoSProfile], depth: int) -> QoSProfile:
-    """Return the strongest request that all of these publishers can meet; `depth` messages may wait."""
-    reliable = all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
-    latched = all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
+    """Return the strongest request that all of these publishers meet, of none the weakest; `depth` may wait."""
+    reliable = bool(offered) and all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offered)
+    latched = bool(offered) and all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offered)
     return _profile(Delivery(depth, reliable=reliable, latched=latched))

@@ -22,6 +22,7 @@ from jammkle_view.parameters import FoxgloveParameters
 if TYPE_CHECKING:
     from nav_msgs.msg import Odometry
     from rclpy.executors import Executor
+    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
     from jammkle_common.bags.definitions import MessageDefinition
@@ -129,7 +130,7 @@ class FoxgloveNode(Node):
         self._definitions = MessageDefinitions(share_folders())
         self._serialiser = Serialiser(self._definitions)
         self._types: dict[str, str] = {}
-        self._forwarded: dict[str, Subscription] = {}
+        self._forwarded: dict[str, tuple[QoSProfile, Subscription]] = {}
         self.get_logger().info(f"Foxglove: {self._server.address}")
 
     def drive(self, executor: Executor, stop: StopFlag) -> None:
@@ -141,6 +142,7 @@ class FoxgloveNode(Node):
             if time.monotonic() >= next_look_s:
                 next_look_s = time.monotonic() + _LOOK_PERIOD_S
                 self._offer_new()
+                self._follow_publishers()
                 self._server.send_time(self._now_ns())
 
     def shut_down(self) -> None:
@@ -168,22 +170,35 @@ class FoxgloveNode(Node):
     def _follow_requests(self) -> None:
         """Subscribe where somebody looks; anew for each who comes, so that he gets what is latched."""
         for topic, begins in self._server.wanted():
-            old = self._forwarded.pop(topic, None)
-            if old is not None:
-                self.destroy_subscription(old)
+            if topic in self._forwarded:
+                self.destroy_subscription(self._forwarded.pop(topic)[1])
             if begins:
                 self._subscribe(topic)
 
+    def _follow_publishers(self) -> None:
+        """Subscribe anew where publishers have come or gone, so that what is asked for is what all of them offer."""
+        for name, (qos, subscription) in list(self._forwarded.items()):
+            source = self._source(name)
+            if self.count_publishers(source) and self._qos(source) != qos:
+                self.destroy_subscription(subscription)
+                self._subscribe(name)
+
+    def _source(self, name: str) -> str:
+        return name if name in self._types else name.removesuffix(TRANSFORM_SUFFIX)
+
+    def _qos(self, source: str) -> QoSProfile:
+        return strongest([each.qos_profile for each in self.get_publishers_info_by_topic(source)], _QUEUE_DEPTH)
+
     def _subscribe(self, name: str) -> None:
-        source = name if name in self._types else name.removesuffix(TRANSFORM_SUFFIX)
+        source = self._source(name)
         take = functools.partial(self._take if source == name else self._take_pose, name)
-        qos = strongest([each.qos_profile for each in self.get_publishers_info_by_topic(source)], _QUEUE_DEPTH)
+        qos = self._qos(source)
         try:
             kind = message_class(self._types[source])
         except InputError as error:
             self.get_logger().warning(f"{name} is not forwarded: {error}")
             return
-        self._forwarded[name] = self.create_subscription(kind, source, take, qos, raw=source == name)
+        self._forwarded[name] = qos, self.create_subscription(kind, source, take, qos, raw=source == name)
 
     def _take(self, name: str, data: bytes) -> None:
         self._server.forward(name, data, self._now_ns())
