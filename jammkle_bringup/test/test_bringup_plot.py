@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_bringup.core.run_plot import STRETCHES, Envelope, run_picture
+from jammkle_bringup.core.run_plot import STRETCHES, Envelope, Pressure, run_picture
 from jammkle_common.command.main import main
 from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS
 from jammkle_view.core.samples import EventKind
@@ -131,6 +131,24 @@ def test_a_channel_and_an_event_have_one_colour_everywhere(bag: Path, picture: R
     assert main(["plot", str(bag), "-o", str(tmp_path / "out")]) == 0
     impact = bytes(EVENT_TINTS[EventKind.IMPACT]).hex()
     assert f'"color":"#{impact}","width":1' in (tmp_path / "out" / "run.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("command", "ambient_pa"),
+    [((False, True), 97.0e3), ((True,), 101325.0), ((), 97.1e3)],
+    ids=["vented first", "evacuated from the start", "without commands"],
+)
+def test_vacuum_is_counted_from_what_the_sensor_reads_at_ambient(command: tuple[bool, ...], ambient_pa: float) -> None:
+    """Its mean while vented; of a bag without commands the mean of a whole cycle would be half evacuated."""
+    pressure = Pressure()
+    for evacuate in command[:1]:
+        pressure.command(evacuate=evacuate)
+    for step, reading_pa in enumerate((96.9e3, 97.1e3)):
+        pressure.add(0.1 * step, reading_pa)
+    for evacuate in command[1:]:
+        pressure.command(evacuate=evacuate)
+    pressure.add(0.2, 50e3)
+    assert pressure.ambient_pa == pytest.approx(ambient_pa)
 
 
 def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -245,22 +245,35 @@ class Pressure:
     """Absolute pressure, Pa, and what its sensor reads at ambient pressure: its mean before it is first evacuated."""
 
     readings: Envelope = field(default_factory=Envelope)
-    is_evacuated: bool = False
+    _commanded: bool = False
+    _evacuated: bool = False
     _sum_pa: float = 0.0
     _count: int = 0
+    _highest_pa: float = -math.inf
+
+    def command(self, *, evacuate: bool) -> None:
+        """Take a command of its valve or pump."""
+        self._commanded = True
+        self._evacuated |= evacuate
 
     def add(self, time_s: float, pressure_pa: float) -> None:
         """Take a reading."""
         if not math.isfinite(pressure_pa):
             return
         self.readings.add(time_s, pressure_pa)
-        if not self.is_evacuated:
+        self._highest_pa = max(self._highest_pa, pressure_pa)
+        if not self._evacuated:
             self._sum_pa += pressure_pa
             self._count += 1
 
     @property
     def ambient_pa(self) -> float:
-        """Reading at ambient pressure; the standard atmosphere where it was evacuated from the start."""
+        """Reading at ambient pressure; the standard atmosphere where it was evacuated from the start.
+
+        Of a bag without commands it is the highest reading, as nothing says when it is evacuated.
+        """
+        if not self._commanded and self._count:
+            return self._highest_pa
         return self._sum_pa / self._count if self._count else STANDARD_ATMOSPHERE_PA
 
 
@@ -319,7 +332,7 @@ class RunSamples:
 
     def _take_duty(self, time_s: float, message: Any) -> None:
         self.duty.add(time_s, message.data)
-        self.pressures[MANIFOLD].is_evacuated |= message.data > 0.0
+        self.pressures[MANIFOLD].command(evacuate=message.data > 0.0)
 
     def _take_jam_state(self, time_s: float, message: Any) -> None:
         for channel in message.channels:
@@ -347,7 +360,7 @@ class RunSamples:
     def _solenoid_taker(self, channel: str) -> Callable[[float, Any], None]:
         def take(time_s: float, message: Any) -> None:
             self.solenoids[channel].add(time_s, bool(message.data))
-            self.pressures[channel].is_evacuated |= bool(message.data)
+            self.pressures[channel].command(evacuate=bool(message.data))
 
         return take
 
