@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, Imu, JointState
 from std_msgs.msg import Bool, Float32, String
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from jammkle_common import names
 from jammkle_msgs.msg import ActuatorStates, TendonStates
@@ -23,6 +23,7 @@ from jammkle_msgs.srv import Step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 STEP_NS = 500_000
 
@@ -184,6 +185,29 @@ def test_other_services_answer_while_steps_are_taken(start_graph: Callable[..., 
     graph.spin_until(step.done, "answer of ~/step")
     assert step.result().success
     assert math.isclose(step.result().simulated_time_s, 10.0)
+
+
+def test_every_request_for_steps_is_answered(start_graph: Callable[..., Any]) -> None:
+    """Also one that comes when the steps of another are done and not yet answered; who comes in between is refused."""
+    graph = start_graph(start_paused=True)
+    clients = [graph.client(Step, names.STEP) for _ in range(3)]
+    for _ in range(20):
+        asked = [client.call_async(Step.Request(steps=1)) for client in clients]
+        graph.spin_until(lambda asked=asked: all(each.done() for each in asked), "three answers")
+        assert any(each.result().success for each in asked)
+
+
+def test_a_reset_that_cannot_be_is_refused(start_graph: Callable[..., Any], tmp_path: Path) -> None:
+    """The file of effects has gone since the start: the machine stays as it is, and the node lives."""
+    effects = tmp_path / "effects.yaml"
+    effects.write_text("payload: {mass_kg: 0.5}\n")
+    graph = start_graph(start_paused=True, effects_file=str(effects))
+    effects.unlink()
+    graph.sim.set_parameters([Parameter("slope_deg", value=5.0)])
+    refused = graph.call(Trigger, names.RESET, Trigger.Request())
+    assert not refused.success
+    assert str(effects) in refused.message
+    assert graph.step(1).success
 
 
 def test_reset_brings_the_same_run_again(start_graph: Callable[..., Any]) -> None:
