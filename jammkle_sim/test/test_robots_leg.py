@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_common.names import CHANNELS
+from jammkle_common.names import CHANNELS, PUMP_DUTY, SOLENOIDS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
+from jammkle_sim.rigs.run import run_robot
 from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import robot, robot_simulation
 from jammkle_sim.robots.limb import HIP, KNEE, LimbParameters
@@ -172,6 +173,20 @@ def test_the_same_seed_and_commands_give_the_same_samples() -> None:
     first.reset()
     *_, again = first.samples(0.8, 100)
     assert again == last
+
+
+def test_commands_are_recorded_when_they_are_given() -> None:
+    """Whatever the rate of the recording: a command that is stamped a row late looks like valves that act too soon."""
+
+    def commanded_s(rate_hz: int) -> dict[str, list[float]]:
+        simulation = robot_simulation("leg", RobotOptions())
+        simulation.ankles[ANKLE].hold_vacuum(dict.fromkeys(CHANNELS, 40e3))
+        run = run_robot(simulation, 0.3, rate_hz, lambda _: None, lambda: False)[ANKLE]
+        return {topic.name: run.topics[topic.name].time_s.tolist() for topic in (PUMP_DUTY, *SOLENOIDS.values())}
+
+    slow, fast = commanded_s(100), commanded_s(1000)
+    assert slow == {topic: pytest.approx(time_s) for topic, time_s in fast.items()}
+    assert slow[PUMP_DUTY.name][0] == 0.0
 
 
 def test_bumps_come_from_the_seed() -> None:

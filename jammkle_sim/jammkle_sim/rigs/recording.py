@@ -117,14 +117,14 @@ class Recorder:
             ):
                 self._note(name, topic, (pressure_pa,))
 
-    def note_commands(self, ankle: str, pump_duty: float, energised: Iterable[bool]) -> None:
-        """Keep the commands of an ankle that differ from those before."""
+    def note_commands(self, ankle: str, pump_duty: float, energised: Iterable[bool], time_s: float) -> None:
+        """Keep the commands of an ankle that differ from those before, with the time at which they were given."""
         values = {names.PUMP_DUTY: pump_duty}
         values |= {names.SOLENOIDS[channel]: float(on) for channel, on in zip(names.CHANNELS, energised, strict=True)}
         for topic, value in values.items():
             kept = self._kept[ankle].samples[topic.name]
             if not kept or kept[-1][1] != value:
-                self._note(ankle, topic, (value,))
+                kept.append((time_s, value))
 
     def note_load_cell(self, watched: tuple[str, ...] = ()) -> None:
         """Keep what the load cells give now, and how far the watched geoms are off the ground."""

@@ -193,7 +193,7 @@ def _control(simulation: Simulation, recorder: Recorder, keeper: VacuumKeeper) -
     channels, manifold = ankle.channel_pressures_pa(), ankle.manifold_pressure_pa()
     commands = keeper.commands(simulation.elapsed_s, channels, manifold, CONTROL_ROWS * IMU_PERIOD_S)
     recorder.note_pressures()
-    recorder.note_commands(name, commands.pump_duty, commands.energised)
+    recorder.note_commands(name, commands.pump_duty, commands.energised, simulation.elapsed_s)
     ankle.set_pump_duty(commands.pump_duty)
     for channel, energised in zip(names.CHANNELS, commands.energised, strict=True):
         ankle.set_solenoid(channel, energised)
@@ -278,13 +278,14 @@ def run_robot(
     machine = simulation.machine
     recorder = Recorder(simulation, simulation.steps_per(rate_hz) * simulation.timestep_s)
     for index in range(1, round(duration_s * rate_hz) + 1):
+        began_s = simulation.elapsed_s
         recorder.advance(1)
+        for name, ankle in simulation.ankles.items():  # they are regulated as a row begins
+            recorder.note_commands(name, ankle.pump_duty, ankle.energised, began_s)
         recorder.note_contacts()
         if index % (rate_hz // PRESSURE_RATE_HZ) == 0:
             recorder.note_pressures()
             recorder.note_base_and_plans()
-        for name, ankle in simulation.ankles.items():
-            recorder.note_commands(name, ankle.pump_duty, ankle.energised)
         if index % (rate_hz // _LOOKS_PER_S) == 0:
             on_progress(simulation.elapsed_s / duration_s)
             if cancelled():
