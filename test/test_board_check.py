@@ -17,13 +17,17 @@ from boards import Host, wiring
 from graph import COMMAND
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
+from jammkle_driver.board.check import Probe
 from jammkle_driver.board.commissioning import (
     CommissioningOptions,
+    _Calibration,
     commission,
     sensor_lines,
     write_board_file,
 )
+from jammkle_driver.board.protocol import Exchange
 from jammkle_driver.board.wiring import load_wiring, standard_board_file
+from jammkle_driver.core.hardware import MANIFOLD
 from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
@@ -32,6 +36,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jammkle_driver.board.check import CheckRow
+    from jammkle_driver.board.wiring import Wiring
+    from jammkle_driver.core.hardware import ActuatorCommand
 
 HEALTHY = PneumaticParameters()
 UV_PER_KPA = 45_000
@@ -146,6 +152,17 @@ AT_ONE_CHANNEL: dict[str, tuple[Callable[[BoardBench], None], dict[str, str]]] =
         lambda bench: disturbed(bench, 1, lambda: -5.0 * UV_PER_KPA),
         {"sensors agree": "calibrate; if that does not help, one sensor is broken"},
     ),
+    "wire of a sensor broken": (
+        lambda bench: bench.override_uv.update({2: 5_000_000}),
+        {
+            f"{what} achilles {when}": "broken wire"
+            for what, when in (("sensor", "at rest"), ("valve", "connects"), ("valve", "vents"))
+        },
+    ),
+    "wire of the manifold's sensor broken": (
+        lambda bench: bench.override_uv.update({3: 5_000_000}),
+        {"sensor manifold at rest": "broken wire"},
+    ),
     "membrane torn": (
         lambda bench: bench.plant.air.puncture("peroneal_left", 0.02),
         {"leak of peroneal_left": "soapy water"},
@@ -231,6 +248,48 @@ def test_a_bought_board_gets_its_calibration_in_a_file(tmp_path: Path) -> None:
     assert yaml.safe_load((tmp_path / "mine.yaml").read_text())["firmware"] == "jammkle"
     sensor = load_wiring(tmp_path / "mine.yaml").sensors["achilles"]
     assert sensor.pascals(600) == pytest.approx(75e3)
+
+
+class GaugesThatTurnOver:
+    """Talks as the bought board of the example: its manifold's number has noise around zero, and is signed."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.wiring, self.vacuum_pa, self.draw = wiring, 0.0, random.Random(1)  # noqa: S311 - noise
+
+    async def exchange(self, command: ActuatorCommand) -> Exchange:
+        driven = command.pump_duty > 0.0 or any(command.solenoids.values())
+        self.vacuum_pa = self.vacuum_pa + 0.2 * (50e3 - self.vacuum_pa) if driven else 0.0
+        absolute = round((101325.0 - self.vacuum_pa + 10000.0) / 2.5)
+        numbers = dict.fromkeys(CHANNELS, absolute)
+        numbers[MANIFOLD] = round(-self.vacuum_pa / 10.0 + self.draw.gauss(0.0, 2.0)) & 0xFFFF
+        pascals = {place: self.wiring.sensors[place].pascals(number) for place, number in numbers.items()}
+        return Exchange(pascals, numbers, command)
+
+    async def acknowledge(self) -> None:
+        """Take jams again."""
+
+
+def test_a_signed_sensor_is_calibrated_around_zero(tmp_path: Path) -> None:
+    """As a transmitter of vacuum has it at the pressure of the air: a mean of its register's bits would be nonsense."""
+    source, target = standard_board_file().with_name("board_bought.yaml"), tmp_path / "mine.yaml"
+    wiring = load_wiring(source)
+    talk = GaugesThatTurnOver(wiring)
+
+    def read(question: str) -> float:
+        return talk.vacuum_pa / 1e3 if "gauge" in question else 101.325
+
+    options = CommissioningOptions("", wiring, source, target, calibrates=True, pace=PACE)
+    probe = Probe(talk, wiring, PACE)
+
+    async def calibrate() -> CheckRow:
+        await probe.vent()
+        await probe.rest(0.1)
+        return await _Calibration(options, None, probe, Person(read)).row()
+
+    assert asyncio.run(calibrate()).passed
+    manifold = load_wiring(target).sensors[MANIFOLD]
+    for vacuum_pa in (0.0, 25e3, 50e3):
+        assert manifold.pascals(round(-vacuum_pa / 10.0) & 0xFFFF) == pytest.approx(101325.0 - vacuum_pa, abs=100.0)
 
 
 OTHER_FIRMWARE = """

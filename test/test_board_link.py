@@ -437,6 +437,8 @@ sensors: {peroneal_left: {register: 0}, peroneal_right: {register: 1}, achilles:
         ("pump: {register: 1}", "pump: {register: 1}\non_connect: {1: 900}", "which is the pump's"),
         ("pump: {register: 1}", "pump: {register: 1, at_zero: 1000, at_full: 0}\nfirmware: jammkle", "would run it"),
         ("pump: {register: 1}", "pump: {register: 1}\nfirmware: jammkle\non_connect: {2: 5000}", "see watchdog_ms"),
+        ("pump: {register: 1}", "pump: {register: 1}\nfirmware: jammkle\non_connect: {9: 90}", "hardware check"),
+        ("achilles: {register: 2}}", "achilles: {register: 2, vacuum: true}}\nfirmware: jammkle", "must be false"),
     ],
 )
 def test_a_bad_board_file_is_refused_with_one_line(tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -163,6 +163,7 @@ _SLOW = 3.0
 the driver reports BLOCKED_LINE."""
 _LINE_TRIES = 3
 """How often a slow line is tried: a computer that was busy has been slow once."""
+_NO_PRESSURE = "out of its limits", "its sensor gives no pressure: broken wire or no supply"
 _REST_S = 0.6
 _PUMP_S = 8.0
 _VALVE_S = 3.0
@@ -193,7 +194,8 @@ async def check(probe: Probe, wiring: Wiring) -> AsyncIterator[CheckRow]:
     rows.append(_spread_row(wiring, {place: mean for place, (mean, _) in readings.items()}))
     for row in rows:
         yield row
-    place = MANIFOLD if MANIFOLD in wiring.sensors else CHANNELS[0]
+    known = [name for name in (MANIFOLD, *CHANNELS) if name in readings and math.isfinite(readings[name][0])]
+    place = known[0] if known else CHANNELS[0]
     energised = () if place == MANIFOLD else (place,)
     moments = await probe.drive(command(energised, 1.0), _PUMP_S, lambda m: m.vacuum_pa[place] >= HELD_VACUUM_PA)
     pump = _pump_row(moments, place)
@@ -272,7 +274,7 @@ def _sensor_row(place: str, wiring: Wiring, mean_pa: float, noise_pa: float) -> 
     what, measured, to_do = f"sensor {place} at rest", f"{mean_pa / 1e3:.1f} kPa, noise {noise_pa:.0f} Pa", ""
     low, high = (-_SPREAD_PA, _SPREAD_PA) if wiring.sensors[place].vacuum else (_LOWEST_AMBIENT_PA, _HIGHEST_AMBIENT_PA)
     if not math.isfinite(mean_pa):
-        measured, to_do = "out of its limits", "broken wire or no supply: look there"
+        measured, to_do = _NO_PRESSURE
     elif not low <= mean_pa <= high:
         to_do = f"expected {low / 1e3:.0f} to {high / 1e3:.0f} kPa: wire, supply of the sensor, scale in the board file"
     elif noise_pa > _NOISE_PA:
@@ -281,7 +283,7 @@ def _sensor_row(place: str, wiring: Wiring, mean_pa: float, noise_pa: float) -> 
 
 
 def _spread_row(wiring: Wiring, means_pa: dict[str, float]) -> CheckRow:
-    same = {place: pa for place, pa in means_pa.items() if not wiring.sensors[place].vacuum}
+    same = {place: pa for place, pa in means_pa.items() if not wiring.sensors[place].vacuum and math.isfinite(pa)}
     spread_pa = max(same.values()) - min(same.values()) if same else 0.0
     to_do = "" if spread_pa <= _SPREAD_PA else "calibrate; if that does not help, one sensor is broken"
     return row_of("sensors agree", f"within {spread_pa / 1e3:.1f} kPa", to_do)
@@ -290,6 +292,8 @@ def _spread_row(wiring: Wiring, means_pa: dict[str, float]) -> CheckRow:
 def _pump_row(moments: Sequence[Moment], place: str) -> CheckRow:
     reached_pa = moments[-1].vacuum_pa[place]
     took_s = moments[-1].at_s - moments[0].at_s
+    if not math.isfinite(reached_pa):
+        return row_of("pump", *_NO_PRESSURE)
     if reached_pa >= HELD_VACUUM_PA:
         to_do = ""
     elif reached_pa < _VENTED_PA:
@@ -309,6 +313,8 @@ def _leak_row(place: str, moments: Sequence[Moment], drawn_pa_s: float) -> Check
 
 def _open_row(moment: Moment, channel: str, place: str, others: Sequence[str]) -> CheckRow:
     vacuum_pa = moment.vacuum_pa[channel]
+    if not math.isfinite(vacuum_pa):
+        return row_of(f"valve {channel} connects", *_NO_PRESSURE)
     measured = f"{vacuum_pa / 1e3:.1f} kPa, {place} {moment.vacuum_pa[place] / 1e3:.1f} kPa"
     if others:
         also = "also" if vacuum_pa > _VENTED_PA else "instead"
@@ -325,6 +331,8 @@ def _open_row(moment: Moment, channel: str, place: str, others: Sequence[str]) -
 def _vent_row(moments: Sequence[Moment], channel: str) -> CheckRow:
     left_pa = moments[-1].vacuum_pa[channel]
     took_s = moments[-1].at_s - moments[0].at_s
+    if not math.isfinite(left_pa):
+        return row_of(f"valve {channel} vents", *_NO_PRESSURE)
     to_do = ""
     if left_pa >= max(_OPEN_SHARE * moments[0].vacuum_pa[channel], _VENTED_PA):
         to_do = "stuck open, its vent is blocked, or its flyback diode keeps it energised"

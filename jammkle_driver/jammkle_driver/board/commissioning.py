@@ -266,12 +266,15 @@ class _Calibration:
         try:
             while not answer.done() or len(numbers) < kept:
                 exchange = await self._probe.exchange(held)
-                numbers.append(await self._raw_numbers() if self._own else exchange.numbers)
+                numbers.append(await self._raw_numbers() if self._own else self._values(exchange.numbers))
                 del numbers[:-kept]
                 await asyncio.sleep(PERIOD_S)
         finally:
             answer.cancel()
         return await answer, {place: statistics.fmean(each[place] for each in numbers) for place in numbers[0]}
+
+    def _values(self, numbers: Mapping[str, int]) -> dict[str, int]:
+        return {place: self._wiring.sensors[place].value(number) for place, number in numbers.items()}
 
     async def _raw_numbers(self) -> dict[str, int]:
         """Return what the converter of the project's firmware reads for each sensor, before any calibration."""

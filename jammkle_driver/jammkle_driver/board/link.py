@@ -34,7 +34,8 @@ _CLOSE_TIMEOUT_S = 1.0
 _RATE_SHARE = 0.05
 """Weight of the latest cycle in the smoothed rate."""
 
-_CLOCK_SLACK_S = 1.0
+_CLOCK_SLACK_S, _CLOCK_SLACK = 1.0, 0.01
+"""By how much the board's clock may be behind, s, and as a share of the time: a ceramic resonator has 0.5 %."""
 _COUNTER_SIZE = 0x10000
 _UPTIME_SIZE_S = 2**32 / 1000.0
 
@@ -247,9 +248,8 @@ class BoardLink:
         answered_s, last_uptime_s = self._last
         missing_s = (last_uptime_s + now_s - answered_s - uptime_s) % _UPTIME_SIZE_S
         back_s = (last_uptime_s - uptime_s) % _UPTIME_SIZE_S
-        return any(
-            low_s < each_s < _UPTIME_SIZE_S / 2 for each_s, low_s in ((missing_s, _CLOCK_SLACK_S), (back_s, 0.0))
-        )
+        slack_s = _CLOCK_SLACK_S + _CLOCK_SLACK * (now_s - answered_s)
+        return any(low_s < each_s < _UPTIME_SIZE_S / 2 for each_s, low_s in ((missing_s, slack_s), (back_s, 0.0)))
 
     def _measure_rate(self, now_s: float) -> None:
         last_s, self._cycled_s = self._cycled_s, now_s

@@ -154,9 +154,13 @@ class Sensor:
     minimum: int = -0x8000
     maximum: int = 0xFFFF
 
+    def value(self, number: int) -> int:
+        """Return what the 16 bits of a register stand for."""
+        return number - 0x10000 if self.signed and number >= 0x8000 else number  # noqa: PLR2004 - two's complement
+
     def pascals(self, number: int) -> float:
         """Return what the number stands for, Pa; NaN outside the limits, as a broken wire gives."""
-        value = number - 0x10000 if self.signed and number >= 0x8000 else number  # noqa: PLR2004 - two's complement
+        value = self.value(number)
         return self.offset_pa + self.scale * value if self.minimum <= value <= self.maximum else math.nan
 
     def absolute_pa(self, measured_pa: float, ambient_pa: float) -> float:
@@ -361,6 +365,12 @@ def _problems_of_own(wiring: Wiring) -> Iterator[str]:
         yield f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
     if any(address < free for address in wiring.on_connect):
         yield f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
+    names = ("sensor_1_raw_low", f"sensor_{SENSORS}_pressure_high")
+    first, last = (registers.holding(name).address for name in names)
+    if any(first <= address <= last for address in wiring.on_connect):
+        yield f"on_connect: registers {first} to {last} hold what `jammkle hardware check` calibrates; leave them to it"
+    if any(sensor.vacuum for sensor in wiring.sensors.values()):
+        yield "sensors: the firmware jammkle gives absolute pressures; vacuum must be false"
     if any(solenoid.coil >= len(registers.tables["coils"]) for solenoid in solenoids):
         yield "solenoids: the firmware jammkle has coils 0 to 2"
     if any(sensor.table != "input" or sensor.register not in addresses for sensor in wiring.sensors.values()):
