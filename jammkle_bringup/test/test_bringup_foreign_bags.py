@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import sqlite3
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -237,12 +238,14 @@ def _broken_metadata(bag: Path) -> Path:
     return bag
 
 
-def _ros1(bag: Path) -> Path:
+def _ros1(bag: Path, *, relative: bool = False) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
     path = bag.with_suffix(".bag")
     with Ros1Writer(path) as writer:
-        kinds = {row.topic: row.kind for row in ROWS}
-        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        connections = {
+            row.topic: writer.add_connection(row.topic[relative:], row.kind, typestore=store)
+            for row in {row.topic: row for row in ROWS}.values()
+        }
         for row in ROWS:
             message: Any = STORE.deserialize_cdr(row.data, row.kind)
             if hasattr(message, "header"):
@@ -269,6 +272,8 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "broken QoS": _one_file(qos=[{"reliability": "whatever"}]),
     "broken metadata": _broken_metadata,
     "ROS 1": _ros1,
+    "ROS 1, relative names": partial(_ros1, relative=True),
+    "without channels in the summary": _one_file(repeat_channels=False, repeat_schemas=False),
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
-from jammkle_common.names import CHANNELS, PUMP_DUTY, SOLENOIDS
+from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PUMP_DUTY, SOLENOIDS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.engine import mujoco
@@ -187,6 +187,23 @@ def test_commands_are_recorded_when_they_are_given() -> None:
     slow, fast = commanded_s(100), commanded_s(1000)
     assert slow == {topic: pytest.approx(time_s) for topic, time_s in fast.items()}
     assert slow[PUMP_DUTY.name][0] == 0.0
+
+
+def test_a_set_point_from_before_a_release_by_hand_is_forgotten() -> None:
+    """Everything was vented since; what is held next is what is named then."""
+    simulation = robot_simulation("leg", RobotOptions())
+    ankle = simulation.ankles[ANKLE]
+    ankle.hold_vacuum({ACHILLES: 50e3})
+    list(simulation.samples(1.0, 50))
+    ankle.set_pump_duty(0.0)
+    for channel in CHANNELS:
+        ankle.set_solenoid(channel, energised=False)
+    list(simulation.samples(1.0, 50))
+    ankle.hold_vacuum({PERONEAL_LEFT: 30e3})
+    *_, last = simulation.samples(2.0, 50)
+    vacuum_pa = {name: 101325.0 - pa for name, pa in last.ankles[ANKLE].channel_pressures_pa.items()}
+    assert vacuum_pa.pop(PERONEAL_LEFT) == pytest.approx(38e3, abs=8e3)  # the manifold had kept more than is asked for
+    assert vacuum_pa == pytest.approx(dict.fromkeys(vacuum_pa, 0.0), abs=3e3)
 
 
 def test_bumps_come_from_the_seed() -> None:

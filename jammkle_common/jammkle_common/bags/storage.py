@@ -139,7 +139,12 @@ class _Mcap:
             summary = make_reader(self._stream).get_summary()
             self._chunks = [] if summary is None else summary.chunk_indexes
             counted = summary.statistics if summary is not None and self._chunks else None
-            if summary is None or counted is None:
+            # A summary need not repeat the channels.
+            if (
+                summary is None
+                or counted is None
+                or not counted.channel_message_counts.keys() <= summary.channels.keys()
+            ):
                 self._count()
             else:
                 self.first_ns, self.last_ns = counted.message_start_time, counted.message_end_time
@@ -286,9 +291,10 @@ class _Ros1:
             self._store.register(types)
             text = self._store.generate_msgdef(each.msgtype, ros_version=2)[0].encode()
             count = sum(chunk.connection_counts.get(each.id, 0) for chunk in self._reader.chunk_infos)
-            self.channels.append(Connection(each.id, each.topic, each.msgtype, "cdr", "ros2msg", text, "", "", count))
+            topic = f"/{each.topic.removeprefix('/')}"  # as many a script writes it
+            self.channels.append(Connection(each.id, topic, each.msgtype, "cdr", "ros2msg", text, "", "", count))
         filled = self._reader.message_count > 0
-        self.first_ns, self.last_ns = (self._reader.start_time, self._reader.end_time) if filled else (0, 0)
+        self.first_ns, self.last_ns = (self._reader.start_time, self._reader.end_time - 1) if filled else (0, 0)
 
     def messages(self, keys: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         wanted = [each for each in self._reader.connections if each.id in keys]

@@ -248,7 +248,9 @@ def _pump(law: Any, state: Any, duration_s: float) -> None:
     """Draw from the manifold."""
     manifold_pa, warmth = state.pressure_pa[0], 1.0 + state.warmer[0]
     vacuum_pa = law.ambient_pa - manifold_pa
-    flow_m3_s = law.pump_free_flow_m3_s * state.duty * (1.0 - vacuum_pa / law.pump_ultimate_vacuum_pa)
+    # Where the air is thin no pump gets below nothing.
+    ultimate_pa = min(law.pump_ultimate_vacuum_pa, law.ambient_pa)
+    flow_m3_s = law.pump_free_flow_m3_s * state.duty * (1.0 - vacuum_pa / ultimate_pa)
     pumped_kg = max(flow_m3_s, 0.0) * manifold_pa / (law.specific_energy_j_kg * warmth) * duration_s
     if law.pump_filling != 0.0:
         pumped_kg *= (law.ambient_pa / manifold_pa) ** law.pump_filling

@@ -15,6 +15,7 @@ between two samples acts from the next step on. The same machine, commands and s
 from __future__ import annotations
 
 import functools
+import math
 import operator
 import sys
 from dataclasses import dataclass
@@ -192,23 +193,26 @@ class Ankle:
         self._command("command", (0, index), float(energised))
 
     def hold_vacuum(self, vacuum_pa: Mapping[str, float]) -> None:
-        """Let a regulator like the driver's hold these channels at a vacuum from now on; the others stay as they are.
+        """Let a regulator like the driver's hold these channels at a vacuum from now on.
+
+        The others keep their set point; where none has been given since pump or solenoids were set by hand they vent.
 
         Args:
             vacuum_pa: By channel, Pa below ambient; 0 vents.
 
         Raises:
-            ValueError: there is no such channel, or a vacuum is negative or not a number.
+            ValueError: there is no such channel, or a vacuum is negative or not finite.
 
         """
         for channel, value_pa in vacuum_pa.items():
             _channel_index(channel)
-            if not value_pa >= 0.0:
+            if not 0.0 <= value_pa < math.inf:
                 msg = f"vacuum of {channel} is {value_pa} Pa; it must be 0 or more"
                 raise ValueError(msg)
-        self._wanted_pa.update(vacuum_pa)
         if self._regulator is None:
+            self._wanted_pa = dict.fromkeys(CHANNELS, 0.0)
             self._regulator = VacuumRegulator(float(self._parts.laws.pneumatics["ambient_pa"][0]))
+        self._wanted_pa.update(vacuum_pa)
 
     @property
     def is_regulated(self) -> bool:
