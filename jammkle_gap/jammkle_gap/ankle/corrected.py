@@ -11,6 +11,7 @@ point. A live simulation and a robot go without the constants that they cannot s
 from __future__ import annotations
 
 import dataclasses
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,7 +93,8 @@ def corrected_text(library: Library, values: Mapping[str, float], library_file: 
     """
     lines = [_HEADER]
     if library_file is not None:
-        lines.append(f"{_LIBRARY}: {library_file.resolve()}")
+        place = {_LIBRARY: str(library_file.resolve())}
+        lines.append(yaml.safe_dump(place, allow_unicode=True, width=sys.maxsize).rstrip())
     for effect in library:
         if not any(effect.key(parameter) in values for parameter in effect.parameters):
             continue

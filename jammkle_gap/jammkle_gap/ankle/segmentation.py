@@ -294,7 +294,7 @@ def air_phases(solenoid: Timeline, pressure: Signal, signals: tuple[str, ...]) -
         signals: What the phases are for.
 
     """
-    end_s = float(pressure.time_s[-1])
+    end_s, solenoid = float(pressure.time_s[-1]), solenoid.changes()  # drivers repeat their commands
     changes = [(float(t), v > 0.0) for t, v in zip(solenoid.time_s, solenoid.values, strict=True) if t < end_s]
     if not changes or changes[0][0] > 0.0:
         changes.insert(0, (0.0, False))

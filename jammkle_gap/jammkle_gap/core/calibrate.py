@@ -175,7 +175,10 @@ class _References:
 
     def slopes_at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the slopes at a place as `Problem.coarse` runs it, shape (n, constants); 0 where it cannot be run."""
-        steps = np.eye(len(place))
+        constants = self._problem.constants
+        here_by = [_value(each, x) for each, x in zip(constants, place.tolist(), strict=True)]
+        signs = [each.step_from(value) for each, value in zip(constants, here_by, strict=True)]
+        steps = np.diag(signs)
         moving = [(k, i) for k, each in enumerate(self.slopes) for i in np.flatnonzero(each.any(axis=0)).tolist()]
         here = [self._coarse(setting, place) for setting in self._settings]
         tasks = here + [self._coarse(self._settings[k], place + steps[i]) for k, i in moving]
@@ -183,8 +186,9 @@ class _References:
         slopes = np.zeros((len(self._target), len(place)))
         for (k, i), moved in zip(moving, made[len(here) :], strict=True):
             change = moved - made[k]
-            if np.isfinite(change).any():
-                slopes[int(self._starts[k]) : int(self._starts[k + 1]), i] = np.nan_to_num(change)
+            step = (_value(constants[i], float(place[i]) + signs[i]) - here_by[i]) / constants[i].sigma
+            if np.isfinite(change).any() and step != 0.0:
+                slopes[int(self._starts[k]) : int(self._starts[k + 1]), i] = np.nan_to_num(change) / step
         return slopes
 
     def _coarse(self, setting: Setting, place: NDArray[np.float64]) -> Task:
@@ -201,8 +205,8 @@ def _objective(left: NDArray[np.float64], variance: NDArray[np.float64], place: 
 
 def _values(constants: Sequence[Nuisance], place: NDArray[np.float64]) -> dict[str, float]:
     """Return constants by name from deviations in their priors' standard deviations, within their bounds."""
-    return {
-        each.name: float(np.clip(each.null + x * each.sigma, each.minimum, each.maximum))
-        for each, x in zip(constants, place.tolist(), strict=True)
-        if x != 0.0
-    }
+    return {each.name: _value(each, x) for each, x in zip(constants, place.tolist(), strict=True) if x != 0.0}
+
+
+def _value(constant: Nuisance, deviations: float) -> float:
+    return float(np.clip(constant.null + deviations * constant.sigma, constant.minimum, constant.maximum))

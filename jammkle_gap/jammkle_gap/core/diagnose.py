@@ -144,6 +144,7 @@ def evidence_of(
             < least_left(held[0], errors[0], grids, runner, constants)
         ):
             held, errors, calibrated = held[::-1], errors[::-1], nominal
+            calibration = replace(uncalibrated(problem), before=calibration.before, after=calibration.before)
         machine, error = held[0], errors[0]
     else:
         if calibration.values:

@@ -177,6 +177,12 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
         names = ", ".join(each.name for each in recordings)
         msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
         raise BadRecordingError(msg)
+    for signal in signals:
+        given = sorted({each.signal(signal.name).unit for each in recordings})
+        if len(given) > 1:
+            msg = f"the recordings {', '.join(each.name for each in recordings)} give '{signal.name}' in "
+            msg += f"{' and '.join(given)}; convert one of them"
+            raise BadRecordingError(msg)
     found = [{} if alignment is None else dict(alignment.events(each, measured(each))) for each in recordings]
     everywhere = set.intersection(*map(set, found))
     event_s = {name: float(np.median([each[name] for each in found])) for name in sorted(everywhere)}
@@ -186,6 +192,11 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
             asked = () if alignment is None else alignment.events_of(each, signal.name)
             last_s = each.signal(signal.name).time_s[-1:]
             end_s = min(end_s, float(aligned_s(last_s, asked, events, event_s)[0]))
+    start_s = min(float(each.signal(signal.name).time_s[0]) for each in recordings for signal in signals)
+    if start_s > 0.5 * end_s:
+        msg = f"the recordings {', '.join(each.name for each in recordings)} begin at {start_s:g} s of {end_s:g} s; "
+        msg += "times count from the start of a recording"
+        raise BadRecordingError(msg)
     bins = int(end_s / bin_s)
     if bins < FEWEST_BINS:
         names = ", ".join(each.name for each in recordings)
@@ -215,7 +226,8 @@ def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bin
 
     """
     signal = runs[0][1]
-    per_bin = max(len(signal.time_s) / max(signal.time_s[-1] - signal.time_s[0], bin_s) * bin_s, 1.0)
+    # Runs may have been recorded at other rates: variances are averaged.
+    per_bin = 1.0 / float(np.mean([1.0 / _samples_per_bin(each, bin_s) for _, each in runs]))
     noise, step = np.mean([noise_of(each) for _, each in runs], axis=0)
     square = np.full(bins, noise**2 / per_bin)
     if step > 0.0:
@@ -224,6 +236,10 @@ def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bin
     rounding = 1e-9 * max(float(np.abs(signal.values).max()), 1e-9)
     floor: NDArray[np.float64] = np.maximum(np.sqrt(square), rounding)
     return floor
+
+
+def _samples_per_bin(signal: Signal, bin_s: float) -> float:
+    return max(len(signal.time_s) / max(float(signal.time_s[-1] - signal.time_s[0]), bin_s) * bin_s, 1.0)
 
 
 def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:

@@ -70,7 +70,9 @@ class Machine:
         if not self.problem.constants:
             return dict(self.prior.values)
         moved = zip(self.problem.constants, deviations.tolist(), strict=True)
-        return {each.name: each.null + x * each.sigma for each, x in moved if x != 0.0}
+        return {
+            each.name: min(max(each.null + x * each.sigma, each.minimum), each.maximum) for each, x in moved if x != 0.0
+        }
 
     def signatures(self) -> Signatures:
         """Return what simulates the machine about what is known of it."""

@@ -90,7 +90,7 @@ class SignalGap:
     nominal: float
     """Root mean square of the difference, in healthy scatter."""
     corrected: float
-    """The same with the effect in it, on runs that it was not fitted to."""
+    """The same with the effect in it, as fitted to all runs."""
     nominal_physical: float
     """Root mean square of the difference, in the signal's unit."""
     corrected_physical: float
