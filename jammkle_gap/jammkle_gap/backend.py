@@ -11,7 +11,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import joblib  # type: ignore[import-untyped]  # carries no types
-from joblib.externals.loky import get_reusable_executor  # type: ignore[import-untyped]  # carries no types
+from joblib.externals.loky import reusable_executor  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.processes import end_with_parent
@@ -76,8 +76,10 @@ def backend(jobs: int | None, scheduler: str | None) -> Iterator[int]:
             try:
                 yield _ALL if jobs is None else jobs
             except BaseException:
-                # Workers that still run at the end of the process leave complaints of its resource tracker.
-                get_reusable_executor().shutdown(wait=True, kill_workers=True)
+                # Workers that still run at the end of the process leave complaints of its resource tracker. Not by
+                # get_reusable_executor(): it waits for its thread under a lock that this may wait for as well.
+                if (executor := reusable_executor._executor) is not None:  # noqa: SLF001 - see above
+                    executor.shutdown(wait=True, kill_workers=True)
                 raise
         return
     with _client(scheduler), joblib.parallel_config("dask"):
