@@ -50,6 +50,17 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert LIBRARY.effect("line_leak_achilles").sentence in text
 
 
+@pytest.mark.parametrize("folder", ["rig #2", "a: b", "it's", "ä"])
+def test_a_library_may_lie_anywhere(tmp_path: Path, folder: str) -> None:
+    """What YAML takes for a comment or a name may stand in a path."""
+    (tmp_path / folder).mkdir()
+    own = tmp_path / folder / "own.yaml"
+    own.write_text(OWN_LATENESS)
+    values = {"slow_bus.late_s": 0.01}
+    (tmp_path / "corrected.yaml").write_text(corrected_text(ankle_library(own), values, own), encoding="utf-8")
+    assert load_correction(tmp_path / "corrected.yaml").values == values
+
+
 def test_no_effects_are_no_change(tmp_path: Path) -> None:
     """A file without effects leaves the rig as it is, and its description too."""
     (tmp_path / "corrected.yaml").write_text(corrected_text(LIBRARY, {}))

@@ -99,6 +99,25 @@ def test_runs_that_hardly_overlap_or_share_no_signal_are_refused() -> None:
     other = Recording("other", (Signal("heat", "K", TIMES_S, np.zeros(500)),))
     with pytest.raises(BadRecordingError, match="no signal in common"):
         layout_of([landing(0.4), other], 0.02, None)
+    grams = Recording("grams", (Signal("force", "kN", TIMES_S, np.zeros(500)),))
+    with pytest.raises(BadRecordingError, match="give 'force' in N and kN; convert"):
+        layout_of([landing(0.4), grams], 0.02, None)
+    absolute = Recording("absolute", (Signal("force", "N", 1e9 + TIMES_S, np.zeros(500)),))
+    with pytest.raises(BadRecordingError, match="times count from the start"):
+        layout_of([absolute], 0.02, None)
+
+
+def test_noise_is_that_of_every_run_at_its_own_rate() -> None:
+    """Of a fast and a slow run in any order: the variance of a bin is the mean of both."""
+    runs = [
+        Recording("run", (Signal("force", "N", times, np.sin(times), 0.1),))
+        for times in (np.arange(0.0, 10.0, 1e-3), np.arange(0.0, 10.0, 2e-2))
+    ]
+    fast, slow, both, turned = (
+        layout_of(chosen, 0.02, None).floor[0] ** 2 for chosen in (runs[:1], runs[1:], runs, runs[::-1])
+    )
+    assert both == pytest.approx(turned)
+    assert both == pytest.approx((fast + slow) / 2.0, rel=0.05)
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.3])
