@@ -83,6 +83,14 @@ def test_constants_are_found_and_those_that_move_nothing_not_simulated_again() -
     assert len(simulator.asked) <= 2 + 3 * 2 + 3
 
 
+def test_a_constant_is_calibrated_up_to_its_bound() -> None:
+    """Where no whole step leads on: the slope is that of the step which there is room for."""
+    given = problem(Counted())
+    spring = replace(given.constants[0], maximum=1.26)
+    found = calibrated(replace(given, constants=(spring, *given.constants[1:])))
+    assert found.values["spring.stiffness"] == pytest.approx(1.25, abs=0.005)
+
+
 def test_runs_that_are_made_coarsely_give_slopes_alone() -> None:
     """What coarse runs have wrong throughout is in none of their differences; what is left is asked of fine ones."""
 
