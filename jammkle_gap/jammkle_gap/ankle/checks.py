@@ -17,6 +17,8 @@ from jammkle_sim.rigs.replay import has_ground, is_guided
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from numpy.typing import NDArray
+
     from jammkle_gap.ankle.bag import Samples
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_gap.core.data import Signal
@@ -40,6 +42,9 @@ _RECEIVED_S = 0.05
 _LONGEST_PAUSE_S = 0.5
 """Longest time for which a recording may hold nothing at all. Assumed: the slowest topic comes a hundred times a
 second, and a command may be lost within."""
+_LONGEST_GAP_IN_MOTION_S = 0.1
+"""The same of the IMU that says how a shank moved. Chosen: half a period of 5 Hz, near the fastest that one is shaken
+with; an IMU of 20 Hz still counts."""
 _UNITS_PA = {"kPa": 1e3, "mbar or hPa": 1e2, "bar": 1e5, "psi": 6894.76}
 _VENTED_PA = (6e4, 1.1e5)
 """Lowest and highest atmosphere that a vented channel may have."""
@@ -130,6 +135,30 @@ def check_guide_is_known(bag: str, rig: Rig, topics: Mapping[str, Samples]) -> N
         missing = f"'{names.CARRIAGE_JOINT}' in {names.JOINT_STATES.name}, the height of the ankle over the ground"
     if missing:
         msg = f"bag {bag} does not say how the shank moved in the exercise '{rig.name}'; record {missing}"
+        raise BadRecordingError(msg)
+
+
+def check_motion_is_whole(bag: str, sensor: str, stamp_s: NDArray[np.float64], start_s: float, end_s: float) -> None:
+    """Refuse a motion that was recorded with gaps, or not from start to end: it is an input, and is not guessed.
+
+    Args:
+        bag: Name of the bag.
+        sensor: A topic of names.py that says how something moved.
+        stamp_s: Of its readings between start and end, rising, s.
+        start_s: Of what is replayed.
+        end_s: Of what is replayed.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    longest_s = _LONGEST_GAP_IN_MOTION_S if sensor == names.IMU.name else _LONGEST_PAUSE_S
+    edges_s = np.array([start_s, *stamp_s, end_s])
+    gaps_s = np.diff(edges_s)
+    if gaps_s.max() > longest_s:
+        at = int(np.argmax(gaps_s))
+        msg = f"bag {bag} holds nothing of {sensor}, which says how it moved, between {edges_s[at] - start_s:.3f} and "
+        msg += f"{edges_s[at + 1] - start_s:.3f} s after its start, at most {longest_s:g} s; record it without a pause"
         raise BadRecordingError(msg)
 
 

@@ -250,7 +250,7 @@ def _recording(
     checks.check_signals(name, signals, commands.solenoids)
     _check_rig(name, bag, built, signals)
     inputs = dataclasses.replace(inputs, commands=commands, began_s=segment.start_s, exact=is_exact(bag))
-    inputs = _with_motion(inputs, topics, segment, built)
+    inputs = _with_motion(name, inputs, topics, segment, built)
     weather = weather_pa(topics, described=bag.simulated)
     inputs = with_air(inputs, weather, signals, built.pneumatics.ambient_pa, said)
     if inputs.rig == "tensile" and inputs.course is not None and inputs.course.start_m > _STRETCHED_M:
@@ -274,7 +274,9 @@ def _recording(
     return dataclasses.replace(recording, setting=setting_text(recording))
 
 
-def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Segment, built: Rig) -> AnkleInputs:
+def _with_motion(
+    name: str, inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Segment, built: Rig
+) -> AnkleInputs:
     """Return inputs with how the carriage was driven or when it was let go, as far as that was seen."""
     if inputs.rig in FALLING_RIGS:
         release_s = seen_release_s(segment, built)
@@ -282,6 +284,10 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
     joints = topics.get(names.JOINT_STATES.name)
     if is_guided(built):
+        moved_by = [topics[names.IMU.name], *([joints] if joints is not None and has_ground(built) else [])]
+        for sensor, samples in zip((names.IMU.name, names.JOINT_STATES.name), moved_by, strict=False):
+            stamp_s = samples.stamp_s[(samples.stamp_s >= segment.start_s) & (samples.stamp_s <= segment.end_s)]
+            checks.check_motion_is_whole(name, sensor, stamp_s, segment.start_s, segment.end_s)
         place = place_of(joints) if joints is not None and has_ground(built) else None
         motion = shank_motion(topics[names.IMU.name], place, segment.start_s, segment.end_s)
         return dataclasses.replace(inputs, shank=motion)
@@ -289,6 +295,8 @@ def _with_motion(inputs: AnkleInputs, topics: Mapping[str, Samples], segment: Se
         return inputs
     stamp_s, position_m = joints.readings(CARRIAGE)
     within = stamp_s <= segment.end_s
+    moved_s = stamp_s[within & (stamp_s >= segment.start_s)]
+    checks.check_motion_is_whole(name, names.JOINT_STATES.name, moved_s, segment.start_s, segment.end_s)
     return dataclasses.replace(inputs, course=course_of(stamp_s[within] - segment.start_s, position_m[within]))
 
 
