@@ -9,10 +9,12 @@ import numpy as np
 
 from jammkle_gap.core.decide import (
     NONE_OF_THEM,
+    Seen,
     beyond_tolerance,
     by_class,
     class_names,
     class_of,
+    is_as_drawn,
     posterior_of,
     without_directions,
 )
@@ -31,6 +33,7 @@ from jammkle_gap.core.result import (
     Spent,
     Trace,
     Verdict,
+    beyond,
 )
 from jammkle_gap.core.simulate import StoppedError, on_one_thread
 
@@ -202,17 +205,16 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     likeliest = _likeliest(posterior, classes)
     if error.without_references and likeliest == NONE_OF_THEM:
         detection = without_directions(detection, constants)
-    elif error.without_references:
-        alone, beside = (
-            [each.deviations for each in _constants(evidence, fit)] for fit in (explained.within, fits[likeliest])
-        )
-        detection = beyond_tolerance(detection, alone, beside, constants)
+    if error.without_references:
+        detection, likeliest = _by_constants(evidence, detection, likeliest, constants)
     verdict = _verdict(detection, posterior, likeliest)
     # What no data can tell apart is one answer, with the probability of all its members.
     shared = by_class(posterior.probabilities, classes)
     likely = {names: shared[class_of(names, classes)] for names in posterior.credible}
     # None of the effects comes first where it is the verdict.
     first = NONE_OF_THEM if verdict is Verdict.UNKNOWN else None
+    if verdict is Verdict.UNKNOWN:
+        likely[NONE_OF_THEM] = shared[NONE_OF_THEM]
     credible = sorted(likely, key=lambda names: (names != first, -likely[names]))
     if verdict is Verdict.NO_GAP:
         credible = []
@@ -234,7 +236,7 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
         finished = False
     spread = {name: x for name, x in evidence.calibration.deviations.items() if abs(x) > 1.0}
     nominal = where = difference.by_scatter(evidence.machine.raw)
-    if verdict is Verdict.UNKNOWN:
+    if verdict is Verdict.UNKNOWN and detection.seen is not Seen.IN_CONSTANTS:
         where = nominal - difference.by_scatter(explained.within.changes(difference))
     return Diagnosis(
         verdict=verdict,
@@ -275,16 +277,31 @@ def _likeliest(posterior: Posterior, classes: Mapping[str, str]) -> Names:
     return next(names for names in posterior.probabilities if class_of(names, classes) == best)
 
 
+def _by_constants(
+    evidence: Evidence, detection: Detection, likeliest: Names, constants: Constants
+) -> tuple[Detection, Names]:
+    """Return the test with how far constants had to move without any effect, and what explains the gap then.
+
+    An effect beside which the machine is as drawn takes over from them. Another that is likeliest does not, where
+    nothing but the constants shows a gap.
+    """
+
+    def deviations(fit: Fit) -> list[float]:
+        return [each.deviations for each in _constants(evidence, fit)]
+
+    explained = evidence.explained
+    found = beyond_tolerance(detection, deviations(explained.within), constants)
+    if likeliest == NONE_OF_THEM or is_as_drawn(deviations(explained.fits[likeliest])):
+        return found, likeliest
+    return (detection, likeliest) if detection.gap or not found.gap else (found, NONE_OF_THEM)
+
+
 def _verdict(detection: Detection, posterior: Posterior, likeliest: Names) -> Verdict:
     if not detection.gap:
         return Verdict.NO_GAP
     if likeliest == NONE_OF_THEM:
         return Verdict.UNKNOWN
     return Verdict.EFFECTS if len(posterior.credible) == 1 else Verdict.AMBIGUOUS
-
-
-_FAR = 3.0
-"""Standard deviations from which on a constant is said to lie beyond its tolerance."""
 
 
 def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evidence: Evidence) -> tuple[str, ...]:
@@ -299,24 +316,25 @@ def _reasons(verdict: Verdict, detection: Detection, posterior: Posterior, evide
         others = f"{detection.farthest:.2f} times what other machines leave"
         farthest = f", in the signal that is farthest off {others}" if detection.farthest else ""
         first = (
-            f"with the constants of the machine fitted within their tolerances the difference is "
+            f"with the constants of the machine fitted, their tolerances as priors, the difference is "
             f"{np.sqrt(detection.ratio):.2f} times scatter{beside}{farthest}; a machine as drawn shows as much {where} "
             f"with a probability of {detection.p_value:.2g}"
         )
+    far = beyond(_constants(evidence, evidence.explained.within))
+    moved = ", ".join(f"{each.name} by {each.deviations:+.1f}" for each in far)
+    alone = (f"without any effect beyond its tolerance, in standard deviations: {moved}",) if far else ()
     if verdict is Verdict.NO_GAP:
-        far = [each for each in _constants(evidence, evidence.explained.within) if abs(each.deviations) > _FAR]
-        moved = ", ".join(f"{each.name} by {each.deviations:+.1f}" for each in far)
-        return (first, f"beyond its tolerance, in standard deviations: {moved}") if far else (first,)
+        return first, *alone
     best = next((names for names in posterior.probabilities if names != NONE_OF_THEM), None)
     if best is None:
-        return (first, "no effect on offer moves these signals")
+        return first, *alone, "no effect on offer moves these signals"
     share = 100.0 * explained_by(evidence, evidence.explained.fits[best])
     classes = class_names(evidence.classes)
     probability = by_class(posterior.probabilities, classes)[class_of(best, classes)]
     whole = " with all of its equivalence class" if set(best) & set(classes) else ""
     second = f"{' + '.join(best)} explains {share:.0f} % of its square; probability {probability:.2f}{whole}"
     unknown = posterior.probabilities.get(NONE_OF_THEM, 0.0)
-    return first, second, f"none of the effects on offer: probability {unknown:.2f}"
+    return first, *alone, second, f"none of the effects on offer: probability {unknown:.2f}"
 
 
 def _subsystems(evidence: Evidence, posterior: Posterior) -> dict[str, float]:

@@ -139,7 +139,7 @@ def detect(
     length: float,
     singles: Sequence[Fit],
     constants: Constants,
-    whole: tuple[Difference, float] | None = None,
+    whole: tuple[Difference, float, float] | None = None,
 ) -> Detection:
     """Test the difference against healthy runs.
 
@@ -153,7 +153,8 @@ def detect(
         length: Its square, less what the constants of the machine explain.
         singles: Single effects as fitted.
         constants: Rate of false alarms, prior degrees of freedom.
-        whole: What is tested altogether, with its length, where that is whitened otherwise; None: the same.
+        whole: What is tested altogether, its length, and what a healthy machine leaves of it per feature, where that
+            is whitened otherwise; None: the same.
 
     """
     best = 1.0
@@ -162,8 +163,8 @@ def detect(
         gain = (length - fit.left) / (count * spread.variance)
         best = min(best, float(stats.f.sf(gain, count, spread.freedom)))
     explained = min(1.0, best * max(len(singles), 1, constants.tested_effects))
-    tested, left = whole or (difference, length)
-    ratio = left / tested.whitened.size / max(tested.healthy, constants.least_healthy)
+    tested, left, healthy = whole or (difference, length, max(difference.healthy, constants.least_healthy))
+    ratio = left / tested.whitened.size / healthy
     unexplained = _altogether(tested, ratio, constants)
     untested = Detection(1.0, gap=False, probability=0.0, ratio=ratio, explained=explained, unexplained=unexplained)
     return _of_smallest(untested, min(1.0, 2.0 * min(explained, unexplained)), constants)
@@ -180,7 +181,8 @@ def without_directions(detection: Detection, constants: Constants) -> Detection:
 
     A length along an effect is then that of constants that were not fitted to quite. A likelihood is of finished fits.
     """
-    return _of_smallest(detection, min(1.0, 2.0 * min(detection.likelier, detection.unexplained)), constants)
+    p_value = min(1.0, 2.0 * min(detection.likelier, detection.unexplained))
+    return _of_smallest(detection, p_value, constants, explained=detection.likelier)
 
 
 def by_likelihood(detection: Detection, gains: Sequence[tuple[float, int]], constants: Constants) -> Detection:
@@ -224,26 +226,25 @@ def by_signals(detection: Detection, ratio: float, constants: Constants) -> Dete
     return _of_smallest(detection, p_value, constants, unexplained=unexplained, farthest=float(np.sqrt(ratio)))
 
 
-def beyond_tolerance(
-    detection: Detection, alone: Sequence[float], beside: Sequence[float], constants: Constants
-) -> Detection:
-    """Return the test with a third part: whether an effect takes over from constants beyond their tolerance.
+def beyond_tolerance(detection: Detection, deviations: Sequence[float], constants: Constants) -> Detection:
+    """Return the test with a third part: whether constants have to lie beyond their tolerance to explain the gap.
 
-    What a constant explains that had to move too far is a gap, if with an effect in its place the machine is as drawn.
     A tolerance is the standard deviation of a normal distribution; the largest of all counts (Sidak 1967, J. Am. Stat.
     Assoc. 62:626), and the smallest of the three probabilities three times (Bonferroni).
 
     Args:
         detection: By what is left beside these constants.
-        alone: Deviations of every constant where none of the effects is there, in standard deviations.
-        beside: The same beside the effect.
+        deviations: Of every constant where none of the effects is there, in standard deviations.
         constants: Rate of false alarms.
 
     """
-    if _as_drawn(beside) < _DRAWN:
-        return detection
-    p_value = min(1.0, 3.0 * min(detection.explained, detection.unexplained, _as_drawn(alone)))
+    p_value = min(1.0, 3.0 * min(detection.explained, detection.unexplained, _as_drawn(deviations)))
     return detection if p_value >= detection.p_value else _of_smallest(detection, p_value, constants)
+
+
+def is_as_drawn(deviations: Sequence[float]) -> bool:
+    """Return whether constants lie within their tolerances, by their deviations in standard deviations."""
+    return _as_drawn(deviations) >= _DRAWN
 
 
 _DRAWN = 0.05

@@ -180,14 +180,17 @@ class Discrepancy:
         rest = left - self._shared @ fit.scores if len(fit.scores) else left
         return self._whitened(self._variance(rest, self._signals))
 
-    def accurate_to(self, accuracy: float) -> tuple[Difference, Difference]:
+    def accurate_to(self, accuracy: float) -> tuple[Difference, Difference, float]:
         """Return the difference whitened by scatter and an error of the simulator as large as its stated accuracy.
+
+        Repeats share that error: how little they scatter says nothing of it.
 
         Args:
             accuracy: Share of each signal's range; 0: scatter alone.
 
         Returns:
-            With an error that is another one in every bin, and with one that lasts for a block as well.
+            With an error that is another one in every bin, and with one that lasts for a block as well. What a healthy
+            machine leaves per feature in the former: of scatter's share what repeats leave, and all of the error's.
 
         """
         error = accuracy * self._range
@@ -196,7 +199,10 @@ class Discrepancy:
         for k, size, blocks in zip(self._used, *parts, strict=True):
             lasting[k] = size[:, np.newaxis] * (blocks[:, np.newaxis] == np.unique(blocks))
         by_bin = self._base + np.square(error)
-        return self._whitened(by_bin), self._whitened(by_bin, lasting)
+        found = self._whitened(by_bin)
+        share = float((np.square(error) / by_bin).sum()) / found.whitened.size
+        left = max(found.healthy, self._constants.least_healthy)
+        return found, self._whitened(by_bin, lasting), left * (1.0 - share) + share
 
     def _whitened(self, total: NDArray[np.float64], lasting: Sequence[NDArray[np.float64]] = ()) -> Difference:
         settings = self.difference.settings

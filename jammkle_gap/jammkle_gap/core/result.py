@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -150,6 +150,15 @@ class FittedConstant:
     """From nominal, in standard deviations of its tolerance."""
     interval: tuple[float, float]
     """90 % interval, in `unit`."""
+
+
+_FAR = 3.0
+"""Standard deviations from which on a constant is said to lie beyond its tolerance."""
+
+
+def beyond(constants: Sequence[FittedConstant]) -> list[FittedConstant]:
+    """Return the constants that lie beyond their tolerance."""
+    return [each for each in constants if abs(each.deviations) > _FAR]
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.core.locate import EVENT_PHASE
-from jammkle_gap.core.result import Verdict
+from jammkle_gap.core.result import Verdict, beyond
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from jammkle_common.command.results import Origin
     from jammkle_gap.core.effects import Nuisance
-    from jammkle_gap.core.result import Candidate, Diagnosis, FittedEffect, Place
+    from jammkle_gap.core.result import Candidate, Diagnosis, FittedConstant, FittedEffect, Place
 
 PHASE_WORDS = {
     "evacuating": "while it is evacuated",
@@ -193,8 +193,12 @@ _MOVED = 1.0
 def _moved(diagnosis: Diagnosis) -> str:
     """Return which constants moved most, as the end of a sentence."""
     moved = [each for each in diagnosis.constants if abs(each.deviations) >= _MOVED][:_MOST_IN_WORDS]
-    found = ", ".join(f"{label(each.name)} {quantity(each.value, each.unit)}" for each in moved)
+    found = ", ".join(map(_constant, moved))
     return f", with {found}" if found else ""
+
+
+def _constant(constant: FittedConstant) -> str:
+    return f"{label(constant.name)} {quantity(constant.value, constant.unit)}"
 
 
 def ledger_lines(diagnosis: Diagnosis) -> list[dict[str, str]]:
@@ -237,9 +241,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict is Verdict.NO_GAP:
         return "No gap is detected: the recordings differ from the simulator by no more than healthy runs scatter."
     if diagnosis.verdict is Verdict.UNKNOWN or not named:
-        likely = f"There is a gap, and most likely {NONE_OF_THEM} causes it{_how_sure(diagnosis, ())}"
-        place, share = main_place(diagnosis.where)
-        return f"{likely}: {percent(share)} of it is in {place.signal}."
+        return _none_of_them(diagnosis)
     if diagnosis.verdict is Verdict.AMBIGUOUS:
         return _one_of(diagnosis)
     best = named[0]
@@ -251,6 +253,17 @@ def headline(diagnosis: Diagnosis) -> str:
         )
     found = _sentence_of([finding(effect) for effect in best.effects])
     return f"{found}: that explains the gap{_how_sure(diagnosis, best.names)}."
+
+
+def _none_of_them(diagnosis: Diagnosis) -> str:
+    far = beyond(diagnosis.constants)
+    if far and diagnosis.gap.corrected < _CLEAR:
+        moved = ", ".join(f"{_constant(each)} ({each.deviations:+.1f} standard deviations)" for each in far)
+        which = "A constant beyond its tolerance explains" if len(far) == 1 else "Constants beyond tolerance explain"
+        return f"{which} the gap, and none of the effects on offer does: {moved}."
+    likely = f"There is a gap, and most likely {NONE_OF_THEM} causes it{_how_sure(diagnosis, ())}"
+    place, share = main_place(diagnosis.where)
+    return f"{likely}: {percent(share)} of it is in {place.signal}."
 
 
 def _how_sure(diagnosis: Diagnosis, names: tuple[str, ...]) -> str:
@@ -292,6 +305,11 @@ def checks(diagnosis: Diagnosis, sentences: Mapping[str, str]) -> tuple[str, ...
         return ()
     texts = []
     if diagnosis.verdict is Verdict.UNKNOWN:
+        texts += [
+            f"{label(each.name)}: measure it. Fitted, it is {quantity(each.value, each.unit)}, {each.deviations:+.1f} "
+            f"standard deviations of its tolerance from {quantity(each.nominal, each.unit)}."
+            for each in beyond(diagnosis.constants)
+        ]
         texts += [_kept(each, whole(diagnosis)) for each in diagnosis.candidates if each.names]
         return tuple(texts)
     for candidate in diagnosis.candidates:
