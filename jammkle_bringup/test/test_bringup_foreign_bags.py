@@ -238,7 +238,7 @@ def _broken_metadata(bag: Path) -> Path:
     return bag
 
 
-def _ros1(bag: Path, *, relative: bool = False) -> Path:
+def _ros1(bag: Path, *, relative: bool = False, odd: Sequence[str] = ()) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
     path = bag.with_suffix(".bag")
     with Ros1Writer(path) as writer:
@@ -252,6 +252,9 @@ def _ros1(bag: Path, *, relative: bool = False) -> Path:
                 stamp = store.types["builtin_interfaces/msg/Time"](*divmod(row.log_ns, 10**9))
                 message.header = store.types["std_msgs/msg/Header"](7, stamp, "foot")
             writer.write(connections[row.topic], row.log_ns, store.serialize_ros1(message, row.kind))
+        for place, definition in enumerate(odd):
+            connection = writer.add_connection(f"/odd_{place}", "lab_msgs/msg/Odd", msgdef=definition, md5sum="0" * 32)
+            writer.write(connection, START_NS, bytes(8))
     return path
 
 
@@ -382,6 +385,30 @@ def test_one_topic_that_nobody_can_decode_spoils_no_bag(
     with opened(tmp_path / "new", quietly=True) as reader:
         assert [each.topic for each in reader.left_out] == ["/other"]
         assert reader.message_count == len(ROWS)
+
+
+def test_ros_1_may_define_a_type_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The second topic of that type is left out, and the rest is read."""
+    bag = _ros1(tmp_path / "bag", odd=("float64 x", "int64 y"))
+    with opened(bag) as reader:
+        assert reader.message_count == len(ROWS) + 1
+    assert "/odd_1 is left out: type lab_msgs/msg/Odd in it is defined otherwise" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["plot", "detect"])
+def test_a_standard_type_without_its_fields_is_left_out(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A bag may define a type as another distribution or a fork has it: nothing is read of what lacks a field."""
+    bag = tmp_path / "bag"
+    others = [row for row in ROWS if row.kind != IMU]
+    write_mcap(bag / "a.mcap", [*others, FOREIGN["our type, otherwise"]._replace(topic="/imu/data")])
+    out = {"plot": tmp_path / "run.png", "detect": tmp_path / "out"}[verb]
+    status = main([verb, str(bag), "-o", str(out)])
+    assert status == {"plot": 0, "detect": 2}[verb]
+    said = capsys.readouterr().err
+    assert "/imu/data is left out: sensor_msgs/msg/Imu has no field 'header'" in said
+    assert "Traceback" not in said
 
 
 YEAR_NS = 365 * 86_400 * 10**9

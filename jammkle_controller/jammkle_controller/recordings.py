@@ -115,7 +115,9 @@ def read_bag(
     rate_scale = _scale(RATE_UNITS, layout.rate_unit, "--rate-unit")
     shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
-        imus = sorted(each.topic for each in reader.connections if each.msgtype == _IMU_TYPE)
+        of_imus = {each.topic for each in reader.connections if each.msgtype == _IMU_TYPE}
+        whole = [each for each in reader.on(of_imus) if each.msgtype == _IMU_TYPE]
+        imus = sorted(each.topic for each in whole)
         imu = topic or _only_imu(path, imus, resolved(namespace, names.IMU.name))
         if imu not in imus:
             msg = f"bag {path} holds no {_IMU_TYPE} on {imu}; it has: {', '.join(imus) or 'none'}"
@@ -129,7 +131,7 @@ def read_bag(
         if parameters.use_odometry:
             others[resolved(shared, names.ODOMETRY.name)] = names.ODOMETRY
         others.pop(imu, None)
-        wanted = [each for each in reader.connections if each.topic == imu and each.msgtype == _IMU_TYPE]
+        wanted = [each for each in whole if each.topic == imu]
         received = []
         for connection, time_ns, _, data in BagTimes(reader).messages([*wanted, *reader.on(others)]):
             message: Any = reader.deserialize(data, connection.msgtype)

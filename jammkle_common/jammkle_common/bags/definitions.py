@@ -193,6 +193,21 @@ class KnownTypes:
             return False
         return usual is not None and own is not None and usual[1] != own[1]
 
+    def lacking(self, channel: Connection) -> str:
+        """Return a field, with its type, that a channel's definition lacks of the usual one; empty: none."""
+        for name, (_, fields) in self._with_all_inside(channel.msgtype, self._defined(channel)).items():
+            try:
+                (_, usual) = (
+                    self._jazzy.fielddefs.get(name) or get_types_from_msg(self._installed.find(name).text, name)[name]
+                )
+            except InputError:
+                continue  # a type that nobody here knows
+            own = {field for field, _ in fields}
+            for field, _ in usual:
+                if field not in own:
+                    return f"{name} has no field '{field}'"
+        return ""
+
     def _with_all_inside(self, name: str, defined: dict[str, Any]) -> dict[str, Any]:
         """Return a type and all that it is made of, from what the bag defines, else from elsewhere."""
         used: dict[str, Any] = {}

@@ -53,7 +53,7 @@ class BagReader:
         self.custom_data = contents.custom_data
         self._files = files
         self.typestore = get_typestore(Stores.EMPTY)
-        types = KnownTypes(self.typestore)
+        types = self._types = KnownTypes(self.typestore)
         known: dict[tuple[str, str, str, bytes], Connection] = {}
         self._places: list[dict[int, int]] = [{} for _ in files]
         channels = [(place, channel) for place, file in enumerate(files) for channel in file.channels]
@@ -105,16 +105,17 @@ class BagReader:
         raise InputError(msg)
 
     def on(self, topics: Collection[str]) -> list[Connection]:
-        """Return the connections of some topics; one of ours that has another type is left out, and named."""
+        """Return the connections of some topics; one of another type, or that lacks fields, is left out, and named."""
         found = []
         for each in self.connections:
             if each.topic not in topics:
                 continue
             ours = next((kind for name, kind in _OURS.items() if f"/{each.topic}".endswith(f"/{name}")), each.msgtype)
-            if each.msgtype == ours:
-                found.append(each)
+            why = f"it is of type {each.msgtype}, not {ours}" if each.msgtype != ours else self._types.lacking(each)
+            if why:
+                note(f"bag {self.path}: {each.topic} is left out: {why}")
             else:
-                note(f"bag {self.path}: {each.topic} is left out: it is of type {each.msgtype}, not {ours}")
+                found.append(each)
         return found
 
     def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mcap.records import Channel, Schema
+    from rosbags.typesys.store import Typestore
 
 MCAP, SQLITE, ZSTD, ROS1 = b"\x89MCAP0\r\n", b"SQLite format 3\0", b"\x28\xb5\x2f\xfd", b"#ROSBAG V"
 """What files begin with. So does a message that is compressed by itself; one in CDR begins with a zero."""
@@ -282,14 +283,15 @@ class _Ros1:
 
     def _look(self) -> None:
         header = get_typestore(Stores.ROS2_JAZZY).fielddefs[_HEADER]
-        self._store = get_typestore(Stores.EMPTY)
+        self._stores: dict[int, Typestore] = {}
         self.channels = []
         for each in self._reader.connections:
             types = get_types_from_msg(each.msgdef.data, each.msgtype)
             if _HEADER in types:
                 types[_HEADER] = header
-            self._store.register(types)
-            text = self._store.generate_msgdef(each.msgtype, ros_version=2)[0].encode()
+            store = self._stores[each.id] = get_typestore(Stores.EMPTY)  # a type may be defined twice in a bag
+            store.register(types)
+            text = store.generate_msgdef(each.msgtype, ros_version=2)[0].encode()
             count = sum(chunk.connection_counts.get(each.id, 0) for chunk in self._reader.chunk_infos)
             topic = f"/{each.topic.removeprefix('/')}"  # as many a script writes it
             self.channels.append(Connection(each.id, topic, each.msgtype, "cdr", "ros2msg", text, "", "", count))
@@ -299,7 +301,7 @@ class _Ros1:
     def messages(self, keys: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         wanted = [each for each in self._reader.connections if each.id in keys]
         for connection, time_ns, data in self._reader.messages(wanted) if wanted else ():
-            yield time_ns, connection.id, bytes(self._store.ros1_to_cdr(data, connection.msgtype))
+            yield time_ns, connection.id, bytes(self._stores[connection.id].ros1_to_cdr(data, connection.msgtype))
 
     def close(self) -> None:
         self._reader.close()
