@@ -51,6 +51,8 @@ ELSEWHERE: dict[str, str] = {
     r"python docs/examples/mission.py": _STACK,
     r"python docs/examples/foot_contact.py": _REMAPPED_IMU,
     r"python docs/examples/foot_load.py": _LOAD,
+    r"python -m jammkle_bringup.robot_names": "test/test_robot_names.py",
+    r"python -m jammkle_driver .*fake_faults": "jammkle_driver/test/test_driver_faults_reported.py",
     r"python -m jammkle_bringup.composed": "test/test_composed.py",
     r"jammkle up --foxglove|python -m jammkle_view.foxglove": _FOXGLOVE,
 }

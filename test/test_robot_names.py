@@ -84,3 +84,11 @@ def test_names_that_cannot_be_mapped_are_refused(domain_id: int, parameters: tup
     assert process.returncode == 2
     assert words in errors
     assert "Traceback" not in errors
+
+
+def test_parameters_without_ros_args_are_refused(domain_id: int) -> None:
+    """They would be ignored, and a robot would run with others than were given."""
+    command = [sys.executable, "-m", "jammkle_bringup.robot_names", "-p", "joints:=lf_foot_roll=-ankle_roll"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(domain_id), timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "'-p' is no argument of a node: its parameters and remappings follow --ros-args\n"

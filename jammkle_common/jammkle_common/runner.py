@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from jammkle_common.parameters import ParameterError
 from jammkle_common.processes import talk_by_udp
@@ -67,6 +68,12 @@ def run(*makers: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         sys.stderr.write(f"the command line cannot be used: {error}\n")
         return EXIT_BAD_INPUT
     try:
+        strange = remove_ros_args(sys.argv if arguments is None else ["", *arguments])[1:]
+        if strange:
+            sys.stderr.write(
+                f"'{strange[0]}' is no argument of a node: its parameters and remappings follow --ros-args\n"
+            )
+            return EXIT_BAD_INPUT
         nodes: list[Node] = []
         executor = EventsExecutor()
         try:
