@@ -90,10 +90,10 @@ class Constants:
     """Runs that the prior spread of the length is worth."""
     length_spread: float = 0.15
     """Prior standard deviation of the logarithm of the squared length per feature, from run to run."""
-    signal_accuracy: float = 1.6
+    signal_accuracy: float = 1.3
     """How many times its stated accuracy, a share of each signal's range, a simulator is off in the signal and setting
     where it is farthest off. Learned on development specimens of studies/blind, healthy (318, 322, 328) or with a small
-    fault (311, 315, 319): 1.2 to 2.0, most often in the roll of a foot that is pressed."""
+    fault (311, 315, 319): 1.0 to 1.6, most often in the roll of a foot that is pressed."""
     signal_spread: float = 0.45
     """Standard deviation of the logarithm of its square, from machine to machine. Of the six it is 0.37; chosen wider,
     since all of them have the same equations."""
