@@ -28,7 +28,7 @@ from jammkle_gap.core.explain import _Search
 from jammkle_gap.core.ledger import closed_by
 from jammkle_gap.core.predict import predicting
 from jammkle_gap.core.result import beyond
-from jammkle_gap.report.words import checks, headline
+from jammkle_gap.report.words import answers, checks, headline
 from pendulums import CONSTANTS, NOISE_RAD, PROBLEM, TIMES_S, machine, simulate
 
 if TYPE_CHECKING:
@@ -293,6 +293,7 @@ def test_constants_beyond_their_tolerance_are_a_gap_and_are_named(stiffness: flo
     assert "servo.stiffness by -" in named_constant
     assert "arm.mass" not in named_constant
     assert "servo.stiffness" in headline(found)
+    assert answers(found)[1].short == "servo.stiffness"
     assert any(text.startswith("servo.stiffness: measure it") for text in checks(found, {}))
 
 

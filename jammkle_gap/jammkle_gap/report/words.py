@@ -170,6 +170,13 @@ def main_place(where: Sequence[Place]) -> tuple[Place, float]:
 def _which(diagnosis: Diagnosis) -> Answer:
     if diagnosis.verdict is Verdict.NO_GAP:
         return Answer("Which", "No effect", "Nothing is named without a gap.")
+    far = _explaining(diagnosis)
+    if far:
+        short = ", ".join(label(each.name) for each in far)
+        moved = ", ".join(f"{each.deviations:+.1f}" for each in far)
+        return Answer(
+            "Which", short, f"Standard deviations from nominal: {moved}. None of the effects on offer is needed."
+        )
     if diagnosis.verdict is Verdict.UNKNOWN:
         sure = _how_sure(diagnosis, ())
         return Answer("Which", f"{NONE_OF_THEM[:1].upper()}{NONE_OF_THEM[1:]}", f"Most likely{sure}.")
@@ -255,9 +262,15 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{found}: that explains the gap{_how_sure(diagnosis, best.names)}."
 
 
+def _explaining(diagnosis: Diagnosis) -> list[FittedConstant]:
+    """Return constants beyond their tolerance that explain the gap where no effect does."""
+    explained = diagnosis.verdict is Verdict.UNKNOWN and diagnosis.gap.corrected < _CLEAR
+    return beyond(diagnosis.constants) if explained else []
+
+
 def _none_of_them(diagnosis: Diagnosis) -> str:
-    far = beyond(diagnosis.constants)
-    if far and diagnosis.gap.corrected < _CLEAR:
+    far = _explaining(diagnosis)
+    if far:
         moved = ", ".join(f"{_constant(each)} ({each.deviations:+.1f} standard deviations)" for each in far)
         which = "A constant beyond its tolerance explains" if len(far) == 1 else "Constants beyond tolerance explain"
         return f"{which} the gap, and none of the effects on offer does: {moved}."
