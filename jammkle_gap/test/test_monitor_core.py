@@ -11,6 +11,7 @@ import pytest
 from jammkle_common import names
 from jammkle_gap.ankle.effects import ankle_library, apply_effects
 from jammkle_gap.ankle.inputs import known_options
+from jammkle_gap.monitor.followers import Track
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_gap.monitor.twin import GapMonitor, GapState
 from jammkle_sim.rigs.catalogue import run_rig
@@ -200,3 +201,15 @@ def test_what_is_not_a_number_is_left_out() -> None:
         monitor.advance(time_s)
     (sensing,) = [report for report in monitor.reports(time_s) if report.name == "sensing"]
     assert sensing.state is GapState.CLOSE
+
+
+def test_what_a_driver_does_not_measure_loses_no_sample() -> None:
+    """Velocities of NaN, as hardware without tachometers publishes them, leave positions; a broken reading does not."""
+    track = Track()
+    for step in range(5):
+        broken = step == 3
+        track.add(0.01 * step, {"ankle/position": np.nan if broken else 0.1 * step, "ankle/velocity": np.nan})
+    time_s, position_rad = track.column("ankle/position")
+    assert time_s.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.04])
+    assert position_rad.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.4])
+    assert track.columns == ("ankle/position",)

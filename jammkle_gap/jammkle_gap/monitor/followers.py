@@ -103,20 +103,25 @@ less."""
 class Track:
     """Samples of one topic, by rising time; of two of the same time the later one counts.
 
-    A sample that is older than the last, or not finite, is left out.
+    A sample that is older than the last, or in which something is not finite that was before, is left out. What never
+    was, such as velocities that a driver fills with NaN, is not measured.
     """
 
     def __init__(self) -> None:
         """Begin with nothing."""
         self._samples: deque[tuple[float, Mapping[str, float]]] = deque()
+        self._measured: set[str] = set()
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Take a sample."""
-        if not np.isfinite([time_s, *values.values()]).all() or time_s < self.last_s:
+        finite = {name: value for name, value in values.items() if np.isfinite(value)}
+        lost = self._measured & (values.keys() - finite.keys())
+        if not finite or lost or not np.isfinite(time_s) or time_s < self.last_s:
             return
+        self._measured |= finite.keys()
         if time_s == self.last_s:
             self._samples.pop()
-        self._samples.append((time_s, values))
+        self._samples.append((time_s, finite))
 
     @property
     def first_s(self) -> float:
