@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from jammkle_gap import BadRecordingError, Recording, Signal
-from jammkle_gap.core.features import aligned_s, features_of, layout_of, measured, noise_of
+from jammkle_gap.core.features import aligned_s, features_of, layout_of, measured, noise_of, stuck_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -102,7 +103,7 @@ def test_runs_that_hardly_overlap_or_share_no_signal_are_refused() -> None:
     grams = Recording("grams", (Signal("force", "kN", TIMES_S, np.zeros(500)),))
     with pytest.raises(BadRecordingError, match="give 'force' in N and kN; convert"):
         layout_of([landing(0.4), grams], 0.02, None)
-    absolute = Recording("absolute", (Signal("force", "N", 1e9 + TIMES_S, np.zeros(500)),))
+    absolute = Recording("absolute", (Signal("force", "N", 1e9 + TIMES_S, np.sin(TIMES_S)),))
     with pytest.raises(BadRecordingError, match="times count from the start"):
         layout_of([absolute], 0.02, None)
 
@@ -215,3 +216,16 @@ def test_a_machine_that_stands_until_it_falls_keeps_the_error_of_its_code() -> N
     assert layout.floor[centre_s < 1.0] == pytest.approx(STEP / np.sqrt(12.0), rel=0.01)
     per_bin = BIN_S / 0.002
     assert layout.floor[centre_s > 1.8] == pytest.approx(STEP / np.sqrt(12.0 * per_bin), rel=0.1)
+
+
+def test_a_signal_that_never_changes_counts_where_its_accuracy_is_known() -> None:
+    """Else it is left out: a reading without any scatter would decide everything."""
+    run = landing(0.4)
+    still = Signal("still", "rad", TIMES_S, np.full(TIMES_S.size, 0.2))
+    unknown = dataclasses.replace(run, signals=(*run.signals, still))
+    known = dataclasses.replace(run, signals=(*run.signals, dataclasses.replace(still, resolution=0.001)))
+    assert stuck_in([unknown]) == ("still",)
+    assert layout_of([unknown], 0.02, None).signals == ("force", "tank")
+    assert layout_of([known], 0.02, None).signals == ("force", "still", "tank")
+    with pytest.raises(BadRecordingError, match=r"no signal that changes \(still\); .* declare the noise"):
+        layout_of([Recording("run", (still,))], 0.02, None)

@@ -20,6 +20,7 @@ from jammkle_gap.core.decide import (
 )
 from jammkle_gap.core.design import DETECTABLE, next_experiment
 from jammkle_gap.core.explain import detect_beside_error
+from jammkle_gap.core.features import stuck_in
 from jammkle_gap.core.ledger import ledger_of
 from jammkle_gap.core.locate import closing_of, places_of, signal_gaps
 from jammkle_gap.core.predict import by_setting, by_time, predicted
@@ -394,6 +395,11 @@ def _notes(evidence: Evidence) -> tuple[str, ...]:
         notes.append(f"calibrated to the references, in standard deviations of their priors: {found}")
     runs = [run for setting in evidence.settings for run in (*setting.faulty, *setting.references)]
     notes += [text for setting in evidence.settings if (text := _cut_short(setting))]
+    notes += [
+        f"setting '{setting.name}': {name} never changes, and is left out: declare its noise or its resolution"
+        for setting in evidence.settings
+        for name in stuck_in([*setting.faulty, *setting.references])
+    ]
     notes += [f"{run.name}: {note}" for run in runs for note in run.notes]
     return tuple(dict.fromkeys(notes))
 

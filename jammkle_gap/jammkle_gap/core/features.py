@@ -166,23 +166,10 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
         alignment: Finds events; without one every signal is taken by the clock.
 
     Raises:
-        BadRecordingError: they have no signal in common, or hardly overlap.
+        BadRecordingError: they have no signal in common that changes, or hardly overlap.
 
     """
-    first = recordings[0]
-    common = set.intersection(*({signal.name for signal in each.signals} for each in recordings))
-    # Bags list their topics as they came: by name, runs of one setting share a dictionary whatever came first.
-    signals = sorted((each for each in first.signals if each.name in common), key=lambda each: each.name)
-    if not signals:
-        names = ", ".join(each.name for each in recordings)
-        msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
-        raise BadRecordingError(msg)
-    for signal in signals:
-        given = sorted({each.signal(signal.name).unit for each in recordings})
-        if len(given) > 1:
-            msg = f"the recordings {', '.join(each.name for each in recordings)} give '{signal.name}' in "
-            msg += f"{' and '.join(given)}; convert one of them"
-            raise BadRecordingError(msg)
+    signals = _shared_signals(recordings)
     found = [{} if alignment is None else dict(alignment.events(each, measured(each))) for each in recordings]
     everywhere = set.intersection(*map(set, found))
     event_s = {name: float(np.median([each[name] for each in found])) for name in sorted(everywhere)}
@@ -214,6 +201,43 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
     floors.append(np.full(len(event_s), EVENT_NOISE_S))
     shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
     return Layout(shared, units, bin_s, bins, event_s, np.concatenate(floors))
+
+
+def _shared_signals(recordings: Sequence[Recording]) -> list[Signal]:
+    """Return the signals of the first run that all runs have and that change, by name."""
+    names = ", ".join(each.name for each in recordings)
+    common, stuck = _common(recordings), stuck_in(recordings)
+    if not common:
+        msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
+        raise BadRecordingError(msg)
+    # Bags list their topics as they came: by name, runs of one setting share a dictionary whatever came first.
+    signals = [recordings[0].signal(name) for name in common if name not in stuck]
+    if not signals:
+        msg = f"the recordings {names} hold no signal that changes ({', '.join(stuck)}); where that is right, declare "
+        msg += "the noise or the resolution of the sensors"
+        raise BadRecordingError(msg)
+    for signal in signals:
+        given = sorted({each.signal(signal.name).unit for each in recordings})
+        if len(given) > 1:
+            msg = f"the recordings {names} give '{signal.name}' in {' and '.join(given)}; convert one of them"
+            raise BadRecordingError(msg)
+    return signals
+
+
+def _common(recordings: Sequence[Recording]) -> list[str]:
+    return sorted(set.intersection(*({signal.name for signal in each.signals} for each in recordings)))
+
+
+def stuck_in(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return signals that never change, and of which neither noise nor resolution is declared.
+
+    How well such a reading is known is not known: it may be a sensor that is not there, and would decide everything.
+    """
+    return tuple(
+        name
+        for name in _common(recordings)
+        if not any(noise_of(own := each.signal(name)) != (0.0, 0.0) or np.ptp(own.values) > 0.0 for each in recordings)
+    )
 
 
 def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bins: int) -> NDArray[np.float64]:
