@@ -69,6 +69,27 @@ def test_a_phase_that_comes_oftener_than_the_clock_ticks_is_followed() -> None:
     assert gait.phase(4 * MS * 499) == pytest.approx(2e-3 * 998 % 1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("late_ms", [0, 2, 10, 20, -10])
+def test_an_imu_that_comes_late_knows_the_phase(late_ms: int) -> None:
+    """Stamped some ms off its arrival: another's blow in mid-swing jams nothing, each touch-down is prepared once."""
+    controller, stride_ms = AnkleController(ControllerParameters()), 500
+    prepared_at: list[float] = []
+    for time_ms in range(0, 8 * stride_ms, 2):
+        phase = time_ms / stride_ms % 1.0
+        before = controller.policy.state
+        if time_ms % 10 == 0:
+            controller.take(Received(time_ms * MS, Input.GAIT_PHASE, phase))
+        sample = at_rest((time_ms - late_ms) * MS)
+        blown = time_ms > 2 * stride_ms and 0.6 <= phase < 0.63
+        controller.update(sample._replace(force_z=sample.force_z + 25.0) if blown else sample)
+        if time_ms > stride_ms and controller.policy.state is not before:
+            assert not 0.55 < phase < 0.8, controller.policy.state
+            if controller.policy.state is PolicyState.PREPARING:
+                prepared_at.append(phase)
+    assert len(prepared_at) == 7
+    assert all(0.8 < phase < 0.97 for phase in prepared_at)
+
+
 def test_an_empty_reservoir_of_litres_is_no_reason_to_end() -> None:
     """A vacuum that would take for ever is begun with as one that takes long."""
     controller = AnkleController(ControllerParameters())
@@ -127,11 +148,13 @@ def test_a_clock_that_was_set_back_finds_nothing_of_the_old_run() -> None:
     controller = AnkleController(ControllerParameters())
     for time_ns in every_10_ms(97.0, 100.0):
         controller.take(Received(time_ns, Input.PLANNED_CONTACT, 0.0))
+        controller.take(Received(time_ns, Input.GAIT_PHASE, time_ns * 1e-9 % 1.0))
         controller.take(Received(time_ns, AnkleAngles(0.2, 0.0)))
         controller.update(at_rest(time_ns + 1))
     for time_ns in every_10_ms(0.0, 101.0):
         controller.update(at_rest(time_ns))
         assert controller.inputs.planned_contact(time_ns) is None
+        assert controller.inputs.gait.phase(time_ns) is None
     assert not controller.inputs.shows_angles(100_000 * MS)
 
 

@@ -65,7 +65,8 @@ class GaitPhase:
     """Foresees touch-downs from a phase that runs from 0, touch-down, to 1."""
 
     SILENT_S = 0.3
-    """A phase that was not received for so long is not one to plan with, s."""
+    """A phase that was received so long before or after a time is not one to plan with, s. After: a phase has the time
+    at which it came, and a sample of the IMU its stamp, which lies before that."""
     SLOWEST_HZ = 0.05
     """Rate below which a phase stands still, Hz: a stride of 20 s."""
 
@@ -94,9 +95,14 @@ class GaitPhase:
         if self._time_ns is None or self._rate_hz <= 0.0:
             return None
         since_s = (time_ns - self._time_ns) / NANOSECONDS_PER_SECOND
-        if not 0.0 <= since_s < self.SILENT_S:
+        if abs(since_s) >= self.SILENT_S:
             return None
         return (self._phase + since_s * self._rate_hz) % 1.0
+
+    def forget(self) -> None:
+        """Forget when a phase was received: the clock was set back."""
+        self._time_ns = None
+        self._rate_hz = 0.0
 
     def touchdown_ns(self, time_ns: int) -> int | None:
         """When the foot will touch down next, ns: as planned, less what steps before were early; None: not known."""
@@ -336,6 +342,7 @@ class ContactInputs:
     def forget(self) -> None:
         """Forget when anything was received: the clock was set back. A switch counts until it says something else."""
         self._received_ns = {each: 0 for each in self._received_ns if each is Input.CONTACT_SWITCH}
+        self.gait.forget()
 
     def fly(self) -> None:
         """Take that the body falls: the foot does not stand, whatever a jammed ankle keeps of its last stance."""
