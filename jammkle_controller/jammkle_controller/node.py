@@ -68,6 +68,9 @@ CONTACT_PERIOD_S = 1.0
 """How often contact_state is published again, s."""
 FOLLOW_S = 0.5
 """How long the driver may take to follow a new set point before that is reported, s: ten repeats of jam_command."""
+STAMPS_OFF_S = 0.2
+"""Stamps of the IMU so far from the node's clock are reported, s: what has no stamp is timed by that clock, and the
+phase of a gait is not extrapolated by 0.3 s or more."""
 LOOKED_AT_S = 2.0
 """How long contact may be unknown before that is a warning, s: rest is seen after 1 s."""
 SAY_SO = f"{names.SET_CONTACT.path} says so"
@@ -97,6 +100,7 @@ class ControllerNode(LockstepNode):
         self._auto = values.auto_at_start
         self._controller = AnkleController(values)
         self._freshness = Freshness(values.imu_timeout_s, self.now_s())
+        self._on_clock_s = self.now_s()
         self._values = values
         self._leg: Leg | None = None
         self._description = ""
@@ -324,6 +328,7 @@ class ControllerNode(LockstepNode):
             "clock set back": str(counts.restarts),
             "clipped (%)": f"{100.0 * watch.clipped_share:.0f}",
             "silent for (s)": f"{freshness.silent_s:.2f}",
+            "stamps behind the clock (s)": f"{self._behind_clock_s:.2f}",
             "detection": "available" if watch.trouble is None else "unavailable",
             **{f"not felt on the {mount.value}: {what}": why for what, why in not_felt(mount).items()},
         }
@@ -344,9 +349,29 @@ class ControllerNode(LockstepNode):
             return Health("imu", Level.OK, "samples come in, and are looked at first", values)
         if watch.trouble is not None:
             return Health("imu", Level.ERROR, f"detection is unavailable: {watch.reason}; {SAFE_MODE}", values)
-        if freshness.irregular:
-            return Health("imu", Level.WARN, f"irregular samples: {seen}", values)
+        off = self._stamps_off()
+        if freshness.irregular or off:
+            come = f"irregular samples: {seen}" if freshness.irregular else "samples come in"
+            return Health("imu", Level.WARN, "; ".join(filter(None, (come, off))), values)
         return Health("imu", Level.OK, "samples come in", values)
+
+    @property
+    def _behind_clock_s(self) -> float:
+        """How far the stamp of the latest sample lies behind the node's clock, s; 0 where either is not known."""
+        last_ns = self._controller.gate.last_ns
+        if last_ns is None or not self.knows_time:
+            return 0.0
+        return (self.get_clock().now().nanoseconds - last_ns) / NANOSECONDS_PER_SECOND
+
+    def _stamps_off(self) -> str:
+        """Say that the IMU's stamps have not been of the node's clock for `FOLLOW_S`; empty: they are."""
+        behind_s, now_s = self._behind_clock_s, self.now_s()
+        if abs(behind_s) < STAMPS_OFF_S + self._freshness.silent_s or now_s < self._on_clock_s:
+            self._on_clock_s = now_s
+        if now_s - self._on_clock_s < FOLLOW_S:
+            return ""
+        where = f"{STAMPS_OFF_S:g} s or more {'behind' if behind_s > 0.0 else 'ahead of'} the clock of this node"
+        return f"stamps are {where}, which times what has no stamp, as {names.GAIT_PHASE.name}: set one clock"
 
     def _input_health(self) -> Health:
         """Name every input beside the IMU, and whether it is received; none is needed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import struct
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -139,11 +140,32 @@ def test_health_of_the_imu_is_reported(make_bench: Callable[..., Bench]) -> None
 
     def warned() -> bool:
         bench.feel(GRAVITY_M_S2, 0.3 + bench.reports * 1.0)
-        return bench.health["imu"].level == warning
+        return bench.health["imu"].level == warning and "1 not finite" in bench.health["imu"].message
 
     bench.spin_until(warned, "the NaN is a warning")
-    assert "1 not finite" in bench.health["imu"].message
     bench.spin_until(lambda: bench.health["imu"].level == error, "the IMU is missed again")
+
+
+def test_an_imu_of_another_clock_is_reported(make_bench: Callable[..., Bench]) -> None:
+    """Stamps 50 ms behind the node's clock are in order; 0.3 s behind it, or ahead of it, they are a warning."""
+    bench = make_bench()
+    felt_s = time.time() - 0.1
+
+    def comes(behind_s: float, said: str) -> bool:
+        nonlocal felt_s
+        until_s = max(felt_s, time.time() - behind_s)
+        bench.stand(felt_s, until_s)
+        felt_s = until_s
+        return said in bench.health["imu"].message
+
+    bench.spin_until(lambda: comes(0.05, "samples come in"), "samples come in")
+    for _ in range(2):
+        reports = bench.reports
+        bench.spin_until(lambda before=reports: comes(0.05, "") and bench.reports > before, "a report comes")
+    assert "clock" not in bench.health["imu"].message
+    for behind_s, said in ((0.3, "0.2 s or more behind the clock"), (-0.3, "0.2 s or more ahead of the clock")):
+        bench.spin_until(lambda off_s=behind_s, words=said: comes(off_s, words), f"stamps {said} are reported")
+        assert bench.health["imu"].level == DiagnosticStatus.WARN
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
