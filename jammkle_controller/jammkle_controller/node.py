@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
 HARDWARE_ID = "ankle"
 
-VACUUM_PARAMETERS = ("hold_vacuum_pa", "full_vacuum_pa")
-"""Parameters that the driver must take."""
+VACUUM_PARAMETERS = ("hold_vacuum_pa", "full_vacuum_pa", "landing_vacuum_pa")
+"""Parameters that the driver must take; the last one with policy fixed alone."""
 
 INPUT_TOPICS = {
     Input.CONTACT_SWITCH: names.FOOT_CONTACT.name,
@@ -290,7 +290,8 @@ class ControllerNode(LockstepNode):
         return SetParametersResult(successful=True)
 
     def _trouble_with_driver(self) -> str:
-        for name in VACUUM_PARAMETERS:
+        is_fixed = self._values.mode is PolicyMode.FIXED
+        for name in VACUUM_PARAMETERS if is_fixed else VACUUM_PARAMETERS[:-1]:
             objection = self._driver.objection(f"parameter '{name}'", getattr(self._values, name))
             if objection:
                 return objection

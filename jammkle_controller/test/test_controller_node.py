@@ -201,6 +201,23 @@ def test_set_points_that_the_driver_would_refuse_are_refused(make_bench: Callabl
     bench.spin_until(lambda: bench.health["policy"].level == DiagnosticStatus.OK, "all is well")
 
 
+@pytest.mark.parametrize("policy", ["fixed", "auto"])
+def test_a_fixed_vacuum_that_the_driver_would_refuse_is_refused(make_bench: Callable[..., Bench], policy: str) -> None:
+    """It is asked for at every landing with policy fixed, and named; with another policy it is no trouble."""
+    given = ("full_vacuum_pa:=45000.0", "landing_vacuum_pa:=50000.0", f"policy:={policy}")
+    bench = make_bench("--ros-args", *(word for each in given for word in ("-p", each)))
+    bench.driver_says(JamState(min_vacuum_pa=5e3, max_vacuum_pa=45e3))
+    if policy == "fixed":
+        bench.spin_until(lambda: bench.policy_says("landing_vacuum_pa"), "the vacuum of the start is objected to")
+        assert bench.health["policy"].level == DiagnosticStatus.ERROR
+    refused = bench.set_parameter("landing_vacuum_pa", 46e3)
+    assert not refused.successful
+    assert "45000" in refused.reason
+    assert policy == "fixed" or bench.health["policy"].level == DiagnosticStatus.OK
+    assert bench.set_parameter("landing_vacuum_pa", 20e3).successful
+    bench.spin_until(lambda: bench.health["policy"].level == DiagnosticStatus.OK, "all is well")
+
+
 def test_a_stance_that_was_held_before_is_taken_up(make_bench: Callable[..., Bench]) -> None:
     """Channels that were let go since jam_command fell silent are jammed again once the body is seen at rest.
 
