@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from jammkle_common.command.options import ON_BAGS, JsonOption, NamespaceOption
+from jammkle_common.command.options import ON_BAGS, JsonOption
 
 app = typer.Typer(context_settings={"help_option_names": ["-h", "--help"]})
 
@@ -29,7 +29,7 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
     topic: Annotated[
         str, typer.Option(help="Topic of the IMU in a bag.", show_default="imu/data, or the only IMU")
     ] = "",
-    namespace: NamespaceOption = "/",
+    namespace: Annotated[str | None, typer.Option(help="Namespace of the ankle, if the bag holds several.")] = None,
     force: Annotated[
         str, typer.Option(help="Columns of the specific force, names or numbers from 1.", rich_help_panel=_TABLE)
     ] = "1,2,3",
@@ -60,7 +60,8 @@ def detect(  # noqa: PLR0913, PLR0917 - the options of a command line
         rate_hz=rate_hz,
     )
     changed = (f"imu_mount={mount}", *(settings or ()))
-    return run(recording, changed, layout, topic=topic, namespace=normalised(namespace), output=output, json=json)
+    place = None if namespace is None else normalised(namespace)
+    return run(recording, changed, layout, topic=topic, namespace=place, output=output, json=json)
 
 
 def _listed(text: str) -> tuple[str, ...]:

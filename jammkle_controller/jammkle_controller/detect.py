@@ -93,7 +93,7 @@ def detect(
     layout: TableFormat,
     *,
     topic: str,
-    namespace: str,
+    namespace: str | None,
     output: Path,
     json: Path | None,
 ) -> int:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common import names
-from jammkle_common.bags.reading import name_of, opened
+from jammkle_common.bags.reading import name_of, namespaces_in, opened
 from jammkle_common.bags.times import BagTimes
 from jammkle_common.command.errors import InputError
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_GRAVITY_M_S2
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
+    from jammkle_common.bags.reading import BagReader
     from jammkle_controller.core.events import ContactEvent
     from jammkle_controller.core.imu import StreamCounts
     from jammkle_controller.core.leg import Leg
@@ -91,7 +92,7 @@ class TableFormat:
 def read_bag(
     path: Path,
     topic: str,
-    namespace: str,
+    namespace: str | None,
     parameters: ControllerParameters,
     layout: TableFormat = TableFormat(),
 ) -> Recording:
@@ -100,12 +101,13 @@ def read_bag(
     Args:
         path: The bag.
         topic: Of the IMU; empty: imu/data of the namespace, or the only one of its type.
-        namespace: Normalised namespace, in which the other inputs are.
+        namespace: Normalised namespace, in which the other inputs are; None: that of the IMU's topic, or the only one.
         parameters: Of the controller: which joints are its leg's, and whether efforts and odometry are read.
         layout: Of it the units of the IMU, where they are not those of REP-145.
 
     Raises:
-        InputError: unreadable; a layout of tables; no IMU, or several and no topic; a leg is needed, and not described.
+        InputError: unreadable; a layout of tables; no IMU, or several IMUs or ankles, none chosen; a leg that is needed
+            is not described.
 
     """
     if layout != TableFormat(force_unit=layout.force_unit, rate_unit=layout.rate_unit):
@@ -113,8 +115,9 @@ def read_bag(
         raise InputError(msg)
     force_scale = _scale(FORCE_UNITS, layout.force_unit, "--force-unit")
     rate_scale = _scale(RATE_UNITS, layout.rate_unit, "--rate-unit")
-    shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
     with opened(path) as reader:
+        namespace = _namespace(reader, topic) if namespace is None else namespace
+        shared = normalised(parameters.robot_namespace) if parameters.robot_namespace else namespace
         of_imus = {each.topic for each in reader.connections if each.msgtype == _IMU_TYPE}
         whole = [each for each in reader.on(of_imus) if each.msgtype == _IMU_TYPE]
         imus = sorted(each.topic for each in whole)
@@ -143,6 +146,13 @@ def read_bag(
         for each in received
     ]
     return Recording(name_of(path), received, imu, leg)
+
+
+def _namespace(reader: BagReader, topic: str) -> str:
+    """Return the namespace of the IMU's topic, if it is called as an ankle's, else of the only ankle; `/`: of none."""
+    if topic.endswith(f"/{names.IMU.name}"):
+        return namespaces_in([topic])[0]
+    return reader.chosen_namespace(None) if namespaces_in(reader.topics) else "/"
 
 
 def _leg(path: Path, reader: Any, topic: str, parameters: ControllerParameters) -> Leg | None:

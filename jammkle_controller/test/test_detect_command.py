@@ -13,12 +13,14 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from jammkle_controller.recordings import TableFormat, read_table
+from jammkle_common.command.errors import InputError
+from jammkle_controller.core.events import Source
+from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.parameters import ControllerParameters
+from jammkle_controller.recordings import TableFormat, read_bag, read_table, replay
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from jammkle_controller.core.imu import ImuSample
 
 COMMAND = Path(sys.executable).with_name("jammkle")
 
@@ -35,6 +37,12 @@ def table(path: Path) -> Path:
     with path.open("a") as file:
         file.write("100.0,,,,,,\n")  # the force goes on where the IMU has ended
     return path
+
+
+def at_rest(count: int) -> list[ImuSample]:
+    """Return samples of an IMU that lies still, at 500 Hz."""
+    rows = np.random.default_rng(1).normal((0.0, 0.0, 9.80665, 0.0, 0.0, 0.0), 0.02, (count, 6))
+    return [ImuSample(2_000_000 * index, *row) for index, row in enumerate(rows.tolist())]
 
 
 def detect(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -54,20 +62,46 @@ def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
 
 
-def bag_of(path: Path, samples: Sequence[ImuSample]) -> Path:
-    """Write samples as a bag with one IMU, whatever their units."""
+def bag_of(path: Path, samples: Sequence[ImuSample], namespaces: Sequence[str] = ("",), opens_ns: int = 0) -> Path:
+    """Write samples as a bag with an IMU per namespace, whatever their units; its switch opens at a time, ns."""
     store = get_typestore(Stores.ROS2_JAZZY)
     vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
     stamp, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
     nine = np.zeros(9)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/imu/data", "sensor_msgs/msg/Imu", typestore=store)
+        topics = {
+            (namespace, name): writer.add_connection(f"{namespace}/{name}", kind, typestore=store)
+            for namespace in namespaces
+            for name, kind in (("imu/data", "sensor_msgs/msg/Imu"), ("foot_contact", "std_msgs/msg/Bool"))
+        }
         for time_ns, *force_and_rate in samples:
             at = header(stamp(*divmod(time_ns, 10**9)), "imu")
             rate, force = vector(*force_and_rate[3:]), vector(*force_and_rate[:3])
-            message = store.types[topic.msgtype](at, turn(0.0, 0.0, 0.0, 1.0), nine, rate, nine, force, nine)
-            writer.write(topic, time_ns, store.serialize_cdr(message, topic.msgtype))
+            for (_, name), topic in topics.items():
+                make = store.types[topic.msgtype]
+                message = make(at, turn(0.0, 0.0, 0.0, 1.0), nine, rate, nine, force, nine) if "imu" in name else None
+                if message is None and opens_ns:
+                    message = make(time_ns < opens_ns)
+                if message is not None:
+                    writer.write(topic, time_ns, store.serialize_cdr(message, topic.msgtype))
     return path
+
+
+def test_of_a_bag_with_one_ankle_the_namespace_need_not_be_given(tmp_path: Path) -> None:
+    """Its switch is found, and of several ankles one is asked for, or chosen by the topic of the IMU."""
+    samples = [each._replace(time_ns=each.time_ns + 10**9) for each in at_rest(500)]
+    one = bag_of(tmp_path / "one", samples, ("/lf_ankle",), opens_ns=15 * 10**8)
+    several = bag_of(tmp_path / "several", samples, ("/lf_ankle", "/rf_ankle"), opens_ns=15 * 10**8)
+    parameters = ControllerParameters()
+    for bag, topic in ((one, ""), (several, "/rf_ankle/imu/data")):
+        made = replay(read_bag(bag, topic, None, parameters).received, parameters)
+        assert [each.source for each in made.events] == [Source.CONTACT_SWITCH]
+    with pytest.raises(InputError, match="/lf_ankle, /rf_ankle; choose one with --namespace"):
+        read_bag(several, "", None, parameters)
+    answer = detect(one, "-o", tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    (event,) = json.loads((tmp_path / "out" / "events.json").read_text())["events"]
+    assert event["source"] == "contact switch"
 
 
 def test_a_bag_in_g_is_read_by_its_units_and_columns_are_refused(tmp_path: Path) -> None:
