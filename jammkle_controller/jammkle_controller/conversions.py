@@ -6,13 +6,12 @@ values of contact have the same names on both sides.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.names import CHANNEL_JAMS, CLEAR_FAULT, JAM_COMMAND, UNJAM, UNJAM_ALL, WAY_BACK
-from jammkle_controller.core.landing import Stored
-from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, Fault, JamCommand
+from jammkle_common.names import CHANNEL_JAMS, CLEAR_FAULT, UNJAM, UNJAM_ALL, WAY_BACK
+from jammkle_controller.core.reading import driver_report
+from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, ContactState, JamCommand
 from jammkle_msgs.msg import ContactEvent as ContactEventMessage
 from jammkle_msgs.msg import Landing as LandingMessage
 
@@ -85,7 +84,7 @@ class DriverView:
 
     Attributes:
         by_hand: Channels that somebody has vented by a service; they follow the next change of set points.
-        by_stream: Whether jam_command holds, or held until it fell silent.
+        report: What the controller decides by.
 
     """
 
@@ -97,17 +96,7 @@ class DriverView:
             each.channel for each in vented if each.reason.endswith(_VENTED_BY_HAND) and not each.fault
         )
         self._unfollowed = [each for each in vented if each.channel not in self.by_hand]
-        self.by_stream = any(
-            each.fault == Fault.COMMANDS_STALE
-            or (each.commanded_vacuum_pa > 0.0 and each.reason.endswith(JAM_COMMAND.name))
-            for each in message.channels
-        )
-
-    @property
-    def stored(self) -> Stored:
-        """What is in manifold and reservoir; what is not measured counts as nothing."""
-        vacuum_pa = self._message.manifold_vacuum_pa
-        return Stored(max(vacuum_pa, 0.0) if math.isfinite(vacuum_pa) else 0.0, self._message.reservoir_volume_m3)
+        self.report = driver_report(message)
 
     @property
     def soft(self) -> tuple[str, ...]:

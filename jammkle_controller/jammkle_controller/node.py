@@ -273,12 +273,9 @@ class ControllerNode(LockstepNode):
 
     def _on_driver(self, message: JamState) -> None:
         self._driver = DriverView(message)
-        self._controller.on_driver(self._driver.stored)
-        if not self._driver_reported:
-            self._driver_reported = True
-            if self._driver.by_stream:
-                self._controller.inherit_stance()
-                self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
+        self._driver_reported = True
+        if self._controller.on_driver(self._driver.report):
+            self.get_logger().info("the ankle was held by jam_command: it is held on once the body is at rest")
         self._diagnostics.check()
 
     def _refuse_what_the_driver_refuses(self, changes: list[Parameter]) -> SetParametersResult:

@@ -128,7 +128,7 @@ def read_bag(
         leg = _leg(path, reader, resolved(shared, names.ROBOT_DESCRIPTION.name), parameters)
         others = {
             resolved(namespace, each.name): each
-            for each in (names.FOOT_CONTACT, names.GAIT_PHASE, names.PLANNED_CONTACT, names.LOAD_CELL)
+            for each in (names.FOOT_CONTACT, names.GAIT_PHASE, names.PLANNED_CONTACT, names.LOAD_CELL, names.JAM_STATE)
         }
         others[resolved(namespace, names.JOINT_STATES.name)] = names.JOINT_STATES
         if parameters.use_odometry:

@@ -19,7 +19,7 @@ from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, GaitPhase
 from jammkle_controller.core.landing import Stored
 from jammkle_controller.core.leg_contact import AnkleReading
 from jammkle_controller.core.policy import JammingPolicy, PolicyState
-from jammkle_controller.core.reading import Received
+from jammkle_controller.core.reading import DriverReport, Received
 from jammkle_controller.parameters import ControllerParameters
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def test_an_imu_that_comes_late_knows_the_phase(late_ms: int) -> None:
 def test_an_empty_reservoir_of_litres_is_no_reason_to_end() -> None:
     """A vacuum that would take for ever is begun with as one that takes long."""
     controller = AnkleController(ControllerParameters())
-    controller.on_driver(Stored(0.0, 2e-3))
+    controller.on_driver(DriverReport(Stored(0.0, 2e-3), by_stream=False))
     for time_ns in every_10_ms(0.0, 5.0):
         controller.take(Received(time_ns, Input.GAIT_PHASE, time_ns * 1e-9 % 1.0))
         controller.update(at_rest(time_ns + 1))

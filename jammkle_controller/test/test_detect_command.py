@@ -10,17 +10,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.command.errors import InputError
+from jammkle_common.names import ACHILLES, CHANNELS, JAM_STATE
 from jammkle_controller.core.events import Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import TableFormat, read_bag, read_table, replay
+from jammkle_msgs.msg import ChannelJamState, Fault, JamState
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from conftest import Streams
 
 COMMAND = Path(sys.executable).with_name("jammkle")
 
@@ -62,8 +68,17 @@ def test_a_table_in_g_is_read_and_its_fall_is_reported(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "detect.png").read_bytes().startswith(b"\x89PNG")
 
 
-def bag_of(path: Path, samples: Sequence[ImuSample], namespaces: Sequence[str] = ("",), opens_ns: int = 0) -> Path:
-    """Write samples as a bag with an IMU per namespace, whatever their units; its switch opens at a time, ns."""
+def bag_of(
+    path: Path,
+    samples: Sequence[ImuSample],
+    namespaces: Sequence[str] = ("",),
+    opens_ns: int = 0,
+    driver: JamState | None = None,
+) -> Path:
+    """Write samples as a bag with an IMU per namespace, whatever their units; its switch opens at a time, ns.
+
+    What the driver reports, in no namespace, comes first.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     vector, turn = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
     stamp, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
@@ -74,6 +89,12 @@ def bag_of(path: Path, samples: Sequence[ImuSample], namespaces: Sequence[str] =
             for namespace in namespaces
             for name, kind in (("imu/data", "sensor_msgs/msg/Imu"), ("foot_contact", "std_msgs/msg/Bool"))
         }
+        if driver is not None:
+            kind = JAM_STATE.message_type
+            known = get_types_from_msg(MessageDefinitions(share_folders()).find(kind).text, kind)
+            store.register({name: fields for name, fields in known.items() if name not in store.types})
+            reports = writer.add_connection(f"/{JAM_STATE.name}", kind, typestore=store)
+            writer.write(reports, samples[0].time_ns, serialize_message(driver))
         for time_ns, *force_and_rate in samples:
             at = header(stamp(*divmod(time_ns, 10**9)), "imu")
             rate, force = vector(*force_and_rate[3:]), vector(*force_and_rate[:3])
@@ -102,6 +123,38 @@ def test_of_a_bag_with_one_ankle_the_namespace_need_not_be_given(tmp_path: Path)
     assert answer.returncode == 0, answer.stderr
     (event,) = json.loads((tmp_path / "out" / "events.json").read_text())["events"]
     assert event["source"] == "contact switch"
+
+
+@pytest.mark.parametrize("reservoir_m3", [0.0, 1e-4])
+def test_a_recording_lands_with_the_vacuum_that_its_driver_had(
+    tmp_path: Path, streams: Streams, reservoir_m3: float
+) -> None:
+    """As in the graph: with vacuum in store the Achilles pair alone is evacuated for a fall, else all channels are."""
+    parameters = ControllerParameters(hang_pitch_deg=30.0)
+    samples = streams.sense(streams.drop(150.0, 0.5, 0.2)[0], 500)
+    driver = JamState(manifold_vacuum_pa=60e3, reservoir_volume_m3=reservoir_m3)
+    driver.header.stamp.nanosec = samples[1].time_ns
+    made = replay(
+        read_bag(bag_of(tmp_path / "bag", samples[1:], driver=driver), "", None, parameters).received, parameters
+    )
+    first = next(each.vacuum_pa for each in made.decisions if any(each.vacuum_pa.values()))
+    assert {name for name, vacuum_pa in first.items() if vacuum_pa} == ({ACHILLES} if reservoir_m3 else {*CHANNELS})
+
+
+@pytest.mark.parametrize(
+    ("reason", "fault", "held"),
+    [("asked by jam_command", 0, True), ("asked by driver/jam", 0, False), ("let go", Fault.COMMANDS_STALE, True)],
+)
+def test_a_stance_from_before_the_recording_is_held_on(tmp_path: Path, reason: str, fault: int, *, held: bool) -> None:
+    """As a controller that is started anew holds it: by what the driver reports first, once the body is at rest."""
+    samples = [each._replace(time_ns=each.time_ns + 10**9) for each in at_rest(400)]
+    channel = ChannelJamState(channel=ACHILLES, commanded_vacuum_pa=0.0 if fault else 40e3, reason=reason, fault=fault)
+    driver = JamState(channels=[channel])
+    driver.header.stamp.sec = 1
+    parameters = ControllerParameters()
+    bag = bag_of(tmp_path / "bag", samples, driver=driver)
+    made = replay(read_bag(bag, "", None, parameters).received, parameters)
+    assert [each.state for each in made.decisions][1:] == ["stance"] * held
 
 
 def test_a_bag_in_g_is_read_by_its_units_and_columns_are_refused(tmp_path: Path) -> None:

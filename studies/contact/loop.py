@@ -18,7 +18,7 @@ from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import Input
 from jammkle_controller.core.landing import Stored
-from jammkle_controller.core.reading import Received, received_in
+from jammkle_controller.core.reading import DriverReport, Received, received_in
 from jammkle_controller.core.slip import BodyTwist
 from jammkle_driver.core.driver import Driver
 from jammkle_driver.core.hardware import MANIFOLD, ActuatorCommand, LinkState, LinkStatus, PressureSample
@@ -125,7 +125,7 @@ class AnkleLoop:
     def _control(self, time_ns: int, said: Stored | None) -> None:
         """Let the controller deal with what the driver said at an earlier tick, and with what was felt since."""
         if said is not None:
-            self.controller.on_driver(said)
+            self.controller.on_driver(DriverReport(said, by_stream=False))
         for take in self._sensed:
             reaction = take()
             if reaction is not None:

@@ -22,12 +22,12 @@ from jammkle_controller.core.inputs import AnkleAngles, ContactInputs, Input, Rh
 from jammkle_controller.core.leg_contact import LegReading
 from jammkle_controller.core.motion import PUT_DOWN_S
 from jammkle_controller.core.policy import JammingPolicy, PolicyState, Trigger
+from jammkle_controller.core.reading import DriverReport
 from jammkle_controller.core.slip import BodyTwist, LegPose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from jammkle_controller.core.landing import Stored
     from jammkle_controller.core.leg import Leg
     from jammkle_controller.core.reading import Received
     from jammkle_controller.core.stepping import StepRatios
@@ -91,7 +91,7 @@ class AnkleController:
         self.gate, self.watch = self.detector.gate, self.detector.watch
         self.policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
-        self._stance_held = False
+        self._stance_held = self._driver_known = False
         self._believed_before = False
         self._felt, self._felt_by = Contact.UNKNOWN, ""
         self._by_hand: bool | None = None
@@ -132,22 +132,23 @@ class AnkleController:
             self._by_hand = None
             self._note_contact(self.detector.gate.last_ns or 0)
 
-    def inherit_stance(self) -> None:
-        """Note that the ankle was held by a controller before this one: hold it too, once the body is seen at rest.
-
-        A robot stood there, and a controller that was started anew has seen no landing. Any contact event ends the
-        wait: from then on this controller knows by itself.
-        """
-        self._stance_held = True
-
     def configure(self, parameters: ControllerParameters) -> None:
         """Take new parameters and go on from the present state."""
         self.detector.configure(parameters)
         self.policy.parameters = self.inputs.parameters = parameters
 
-    def on_driver(self, stored: Stored) -> None:
-        """Take what the driver says of manifold and reservoir."""
-        self.policy.stored = stored
+    def on_driver(self, report: DriverReport) -> bool:
+        """Take what the driver reports; return whether a stance is taken over, which the first report alone tells.
+
+        A controller before this one held the ankle: it is held on, once the body is seen at rest. A robot stood there,
+        and a controller that was started anew has seen no landing. Any contact event ends the wait: from then on this
+        controller knows by itself.
+        """
+        self.policy.stored = report.stored
+        takes_over = report.by_stream and not self._driver_known
+        self._driver_known = True
+        self._stance_held = self._stance_held or takes_over
+        return takes_over
 
     def update(self, sample: ImuSample) -> Reaction:
         """Take the next sample of the IMU."""
@@ -195,6 +196,9 @@ class AnkleController:
         inputs, available = self.inputs, self.detector.available
         if isinstance(what, ImuSample):
             return self.update(what)
+        if isinstance(what, DriverReport):
+            self.on_driver(what)
+            return _NOTHING
         if isinstance(what, LegPose):
             return self._slip(inputs.on_pose(what, time_ns, stands=self._stands(time_ns)), time_ns)
         if isinstance(what, BodyTwist):

@@ -12,6 +12,7 @@ from jammkle_common import names, wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import AnkleAngles, Input
+from jammkle_controller.core.landing import Stored
 from jammkle_controller.core.leg_contact import AnkleReading, LegReading
 from jammkle_controller.core.slip import BodyTwist, LegPose
 
@@ -31,11 +32,23 @@ _UNSTAMPED = {
 }
 
 
+COMMANDS_STALE = 15
+"""Fault (jammkle_msgs) of a channel that the driver let go since jam_command fell silent."""
+
+
+class DriverReport(NamedTuple):
+    """What the driver reports, as far as the controller decides by it."""
+
+    stored: Stored
+    by_stream: bool
+    """Whether jam_command holds, or held until it fell silent."""
+
+
 class Received(NamedTuple):
-    """What a controller receives at a time, ns: a sample or reading, or the value of an input."""
+    """What a controller receives at a time, ns: a sample, reading or report, or the value of an input."""
 
     time_ns: int
-    what: ImuSample | AnkleAngles | AnkleReading | LegReading | LegPose | BodyTwist | Input
+    what: ImuSample | AnkleAngles | AnkleReading | LegReading | LegPose | BodyTwist | DriverReport | Input
     value: float = 0.0
 
 
@@ -61,6 +74,8 @@ def received_in(
         return [Received(at_ns, Input.LOAD, load_n(message))]
     if topic is names.ODOMETRY:
         return [Received(at_ns, body_twist(message))]
+    if topic is names.JAM_STATE:
+        return [Received(at_ns, driver_report(message))]
     hip, knee = parameters.hip_joint, parameters.knee_joint
     readings = (
         ankle_angles(message),
@@ -184,3 +199,14 @@ def body_twist(message: Any) -> BodyTwist:
         (float(rate.x), float(rate.y), float(rate.z)),
         math.sqrt(variance) if 0.0 < variance < math.inf else 0.0,
     )
+
+
+def driver_report(message: Any) -> DriverReport:
+    """Read what the driver reports (jammkle_msgs/JamState); what is not measured, or old bags lack, is nothing."""
+    vacuum_pa, reservoir_m3 = float(message.manifold_vacuum_pa), float(getattr(message, "reservoir_volume_m3", 0.0))
+    by_stream = any(
+        getattr(each, "fault", 0) == COMMANDS_STALE
+        or (each.commanded_vacuum_pa > 0.0 and each.reason.endswith(names.JAM_COMMAND.name))
+        for each in message.channels
+    )
+    return DriverReport(Stored(max(vacuum_pa, 0.0) if math.isfinite(vacuum_pa) else 0.0, reservoir_m3), by_stream)
