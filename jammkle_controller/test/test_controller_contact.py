@@ -115,6 +115,19 @@ def test_a_person_says_that_it_stands_or_hangs_until_something_is_felt(streams: 
     assert "contact switch" in controller.set_contact(stands=True)
 
 
+@pytest.mark.parametrize("imu_s", [None, 1.0])
+def test_a_load_refuses_what_a_person_says_without_an_imu_too(streams: Streams, imu_s: float | None) -> None:
+    """With no IMU ever, or one that has been silent for long; a load that is silent itself refuses nothing."""
+    controller = new_controller(use_load=True)
+    feel(controller, at_rest(streams, imu_s) if imu_s else [])
+    begin_ns = 100 * NANOSECONDS_PER_SECOND
+    for number in range(200):
+        controller.take(Received(begin_ns + number * 10_000_000, Input.LOAD, 20.0 if number < 100 else 0.0))
+    assert "load shows that the foot does not stand" in controller.set_contact(stands=True)
+    controller.go_on(begin_ns + 3 * NANOSECONDS_PER_SECOND)
+    assert controller.set_contact(stands=True) == ""
+
+
 def test_what_a_person_said_is_forgotten_on_the_way_back(streams: Streams) -> None:
     """After `forget_hand` what rests is held again, whatever was said of it."""
     controller = feel(new_controller(), at_rest(streams))

@@ -91,6 +91,7 @@ class AnkleController:
         self.gate, self.watch = self.detector.gate, self.detector.watch
         self.policy = JammingPolicy(parameters)
         self._rhythm = Rhythm()
+        self._time_ns = 0
         self._stance_held = self._driver_known = False
         self._believed_before = False
         self._felt, self._felt_by = Contact.UNKNOWN, ""
@@ -111,7 +112,7 @@ class AnkleController:
             Why it is refused: a sensor of contact says otherwise; empty: it is taken.
 
         """
-        now_ns = self.detector.gate.last_ns or 0
+        now_ns = self._time_ns
         sensor = self.inputs.contact_sensor(now_ns)
         if sensor is not None and self.inputs.measured_contact(now_ns) is not stands:
             return f"{sensor.value} shows that the foot {'does not stand' if stands else 'stands'}"
@@ -130,7 +131,7 @@ class AnkleController:
         if self._by_hand is not None:
             self._felt, self._felt_by = (Contact.CONTACT if self._by_hand else Contact.UNKNOWN), "said by ~/set_contact"
             self._by_hand = None
-            self._note_contact(self.detector.gate.last_ns or 0)
+            self._note_contact(self._time_ns)
 
     def configure(self, parameters: ControllerParameters) -> None:
         """Take new parameters and go on from the present state."""
@@ -161,6 +162,7 @@ class AnkleController:
             self.inputs.forget()
             self._forget_contact()
         if gate.last_ns != stamp_before_ns:
+            self._time_ns = sample.time_ns
             self.policy.advance(sample.time_ns)
         self._look_at_imu(sample.time_ns)
         reported = () if event is None or not self._counts(event) else (event,)
@@ -182,6 +184,7 @@ class AnkleController:
 
     def go_on(self, time_ns: int) -> Reaction:
         """Take the time, ns, in place of an IMU that is silent: what else shows contact is followed."""
+        self._time_ns = time_ns
         if not self.inputs.shows_contact(time_ns):
             return _NOTHING
         before_pa = self.policy.set_points_pa
@@ -196,6 +199,7 @@ class AnkleController:
         inputs, available = self.inputs, self.detector.available
         if isinstance(what, ImuSample):
             return self.update(what)
+        self._time_ns = time_ns
         if isinstance(what, DriverReport):
             self.on_driver(what)
             return _NOTHING
