@@ -19,8 +19,10 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.names import ACHILLES, CHANNELS, JAM_STATE
 from jammkle_controller.core.events import Source
 from jammkle_controller.core.imu import ImuSample
+from jammkle_controller.core.reading import Received
+from jammkle_controller.detect import doubt_of
 from jammkle_controller.parameters import ControllerParameters
-from jammkle_controller.recordings import TableFormat, read_bag, read_table, replay
+from jammkle_controller.recordings import Recording, TableFormat, read_bag, read_table, replay
 from jammkle_msgs.msg import ChannelJamState, Fault, JamState
 
 if TYPE_CHECKING:
@@ -205,6 +207,19 @@ def test_a_foot_that_moves_without_a_step_is_doubted(
     assert [event["kind"] for event in found["events"] if event["kind"] in {"impact", "lift-off"}] == []
     assert bool(found["doubt"]) is doubted
     assert ("doubt: " in answer.stdout + answer.stderr) is doubted
+
+
+@pytest.mark.parametrize("shift_s", [-50.0, 1.7e9])
+def test_a_foot_is_doubted_whatever_its_clock_was_set_to(shift_s: float) -> None:
+    """Stamps that go back below the first one, or begin before a clock is found, change nothing of the doubt."""
+    time_s = np.arange(0.0, 5.0, 0.002)
+    rows = np.random.default_rng(1).normal(0.0, 0.02, (len(time_s), 6))
+    rows[:, 2] += 9.81 + 2.0 * np.sin(2.0 * np.pi * 2.0 * time_s)
+    stamps_ns = np.rint(1e9 * (time_s + shift_s * (time_s > 0.0))).astype(int) + 10**11
+    samples = [ImuSample(at_ns, *row) for at_ns, row in zip(stamps_ns.tolist(), rows.tolist(), strict=True)]
+    recording = Recording("foot", [Received(each.time_ns, each) for each in samples])
+    parameters = ControllerParameters(imu_mount="foot")
+    assert "shaken for 5 s" in doubt_of(recording, replay(recording.received, parameters), parameters)
 
 
 @pytest.mark.parametrize(("rate_hz", "refused"), [(250, False), (2000, True)])
