@@ -188,6 +188,22 @@ def test_clock_set_back_keeps_the_set_points_and_the_rest_of_the_delay(
     assert policy.state is PolicyState.STANCE
 
 
+def test_clock_set_back_gives_up_what_is_prepared() -> None:
+    """A touch-down that was foreseen by the clock of before is not waited for in the air; the next one is foreseen."""
+    policy = new_policy()
+    policy.advance(20 * SECOND_NS)
+    policy.foresee(20 * SECOND_NS + MS_NS)
+    policy.advance(20 * SECOND_NS + MS_NS)
+    assert (policy.state, policy.set_points_pa) == (PolicyState.PREPARING, everywhere(HOLD_PA))
+    policy.advance(20 * SECOND_NS - 20 * MS_NS)  # an IMU that comes some ms late, after the node's own clock
+    assert policy.state is PolicyState.PREPARING
+    policy.advance(SECOND_NS)
+    assert (policy.state, policy.set_points_pa) == (PolicyState.SWING, everywhere(0.0))
+    policy.foresee(2 * SECOND_NS)
+    policy.advance(2 * SECOND_NS)
+    assert policy.state is PolicyState.PREPARING
+
+
 @pytest.mark.parametrize(
     ("begin_s", "seen"),
     [

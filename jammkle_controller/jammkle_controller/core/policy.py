@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.names import ACHILLES, CHANNELS, PERONEAL_LEFT, PERONEAL_RIGHT
 from jammkle_controller.core.events import ContactEvent, ContactKind
+from jammkle_controller.core.imu import REORDERING_LIMIT_S
 from jammkle_controller.core.landing import (
     HALF_WAY_S,
     LEVEL_PA,
@@ -224,11 +225,13 @@ class JammingPolicy:
 
     def advance(self, time_ns: int) -> None:
         """Take the stamp of the sample at hand, before its events; takes what is due by time alone."""
-        if self._now_ns is not None and time_ns < self._now_ns:
+        before_ns, self._now_ns = self._now_ns, time_ns
+        if before_ns is not None and time_ns < before_ns:
             # The clock was set back. What is held stays held: on a real slope, letting go would be the worse error.
-            self._since_ns += time_ns - self._now_ns
-            self._touchdown_ns = self._fall = self._given_up_ns = None
-        self._now_ns = time_ns
+            self._since_ns += time_ns - before_ns
+            if before_ns - time_ns > _nanoseconds(REORDERING_LIMIT_S):  # less: an IMU that was silent comes late again
+                self._touchdown_ns = self._fall = self._given_up_ns = None
+                self._take(Trigger.MISSED)  # nobody knows any more when what is prepared would come
         parameters, since_ns = self.parameters, time_ns - self._since_ns
         if self.state is PolicyState.LANDING and since_ns >= _nanoseconds(parameters.jam_delay_s):
             self._take(Trigger.SHOCK_OVER)
