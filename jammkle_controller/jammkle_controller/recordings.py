@@ -205,7 +205,7 @@ def read_table(path: Path, layout: TableFormat) -> Recording:
         msg = f"--rate-hz {layout.rate_hz:g} must be {least_hz:g} to {most_hz:g} Hz"
         raise InputError(msg)
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
             line = next((each for each in file if each.strip()), "")
             file.seek(0)
             delimiter = next((each for each in _DELIMITERS if _columns(line, each) >= _AXES), ",")

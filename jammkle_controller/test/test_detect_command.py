@@ -189,6 +189,15 @@ def test_columns_stand_between_whatever_separates_them(tmp_path: Path, delimiter
     assert [(each.force_x, each.force_y) for each in samples[:3]] == [(1.0, 0.0), (0.0, 1.0), (0.0, 0.0)]
 
 
+@pytest.mark.parametrize("head", ["time,ax,ay,az\n", ""])
+def test_a_table_of_a_spreadsheet_is_read_from_its_first_cell_on(tmp_path: Path, head: str) -> None:
+    """A byte order mark is no part of the first column's name, and its row is no head."""
+    path = tmp_path / "walk.csv"
+    path.write_text(f"{head}0.5,1,2,9\n0.6,1,2,9\n", encoding="utf-8-sig")
+    layout = TableFormat(("2", "3", "4"), (), time="time" if head else "1")
+    assert [each.time_ns for each in read_table(path, layout).samples] == [500_000_000, 600_000_000]
+
+
 @pytest.mark.parametrize(
     ("mount", "shaken_m_s2", "doubted"), [("foot", 2.0, True), ("foot", 0.1, False), ("body", 2.0, False)]
 )
