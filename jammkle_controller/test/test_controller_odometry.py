@@ -187,3 +187,15 @@ def test_odometry_that_cannot_be_believed_reports_nothing_and_leaves_slips_to_th
             continue
         assert controller.inputs.shows_slips(index * STEP_NS) == (index < 149)
         assert (Input.ODOMETRY in controller.inputs.received(index * STEP_NS)) == (index < 149)
+
+
+@pytest.mark.parametrize("frozen_s", [0.1, 1.0])
+def test_a_parameter_that_changes_counts_for_the_odometry_too(frozen_s: float) -> None:
+    """One reading over and over is frozen after imu_frozen_s as it is set now, not as it was at the start."""
+    parameters = ControllerParameters(use_odometry=True)
+    controller = AnkleController(parameters, leg=LEG)
+    controller.configure(dataclasses.replace(parameters, imu_frozen_s=frozen_s))
+    for index in range(200):
+        controller.take(Received(index * STEP_NS, STILL))
+        controller.take(Received(index * STEP_NS, BodyTwist(index * STEP_NS, (0.01, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    assert controller.inputs.sole.counts.frozen == pytest.approx(200 - frozen_s * 1e9 / STEP_NS, abs=2)

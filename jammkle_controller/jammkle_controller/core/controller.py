@@ -136,7 +136,8 @@ class AnkleController:
     def configure(self, parameters: ControllerParameters) -> None:
         """Take new parameters and go on from the present state."""
         self.detector.configure(parameters)
-        self.policy.parameters = self.inputs.parameters = parameters
+        self.inputs.configure(parameters)
+        self.policy.parameters = parameters
 
     def on_driver(self, report: DriverReport) -> bool:
         """Take what the driver reports; return whether a stance is taken over, which the first report alone tells.

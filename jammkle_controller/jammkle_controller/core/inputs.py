@@ -214,6 +214,12 @@ class ContactInputs:
         if self.parameters.use_odometry:
             self.sole = SoleSlip(leg, self.parameters)
 
+    def configure(self, parameters: ControllerParameters) -> None:
+        """Take new parameters and go on from the present state."""
+        self.parameters = parameters
+        if self.sole is not None:
+            self.sole.parameters = parameters
+
     def received(self, time_ns: int) -> tuple[Input, ...]:
         """Inputs that were received lately; a switch counts for ever, as it may publish on change only."""
         return tuple(each for each in self._received_ns if self._is_recent(each, time_ns))

@@ -375,7 +375,7 @@ class SoleSlip:
     def __init__(self, leg: Leg, parameters: ControllerParameters) -> None:
         """Know the leg, and have received nothing."""
         self._leg = leg
-        self._parameters = parameters
+        self.parameters = parameters
         self.counts = OdometryCounts()
         self._poses: deque[tuple[int, LegPose, bool | None]] = deque(maxlen=_KEPT)
         self._waiting: BodyTwist | None = None
@@ -416,7 +416,7 @@ class SoleSlip:
         self._twist = twist
         if before is None or before[1:3] != twist[1:3] or twist.time_ns < before.time_ns:
             self._changed_ns = twist.time_ns
-        if twist.time_ns - self._changed_ns > self._parameters.imu_frozen_s * NANOSECONDS_PER_SECOND:
+        if twist.time_ns - self._changed_ns > self.parameters.imu_frozen_s * NANOSECONDS_PER_SECOND:
             self.counts.frozen += 1
             return None
         if not self._poses or twist.time_ns > self._poses[-1][0]:
@@ -447,7 +447,7 @@ class SoleSlip:
         if not stands or not 0.0 < elapsed_s <= LONGEST_S:
             self._rest()
             return None
-        spread_m_s = max(LEAST_SPREAD_M_S, twist.spread_m_s or self._parameters.odometry_spread_m_s)
+        spread_m_s = max(LEAST_SPREAD_M_S, twist.spread_m_s or self.parameters.odometry_spread_m_s)
         velocity = sole_velocity_m_s(self._leg, pose, twist)
         return self._follow(velocity, spread_m_s, elapsed_s, twist.time_ns, time_ns)
 
