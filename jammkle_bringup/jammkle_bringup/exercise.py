@@ -161,7 +161,7 @@ class _Session:
         self._time_s: float | None = None
         """Of /clock; None: there is none."""
         self._joints: dict[str, dict[str, float]] = {}
-        """By ankle, position by joint, rad."""
+        """By ankle, latest position by joint, rad; several nodes may publish joints of their own."""
         self._hip_height_m: float | None = None
         self._ankles = client.ankles()
         client.subscribe(Odometry, ODOMETRY, self._take_odometry, subscriber_qos(ODOMETRY))
@@ -384,10 +384,11 @@ class _Session:
         angles = dict(zip(message.name, message.position, strict=False))
         if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
             return  # its own
-        self._joints[ankle] = angles
-        if self._limb_over_ground is not None and self._hip_height_m is not None:
-            limb = self._limbs()[ankle]
-            place_m = limb.place_m(angles, self._hip_height_m)
+        known = self._joints.setdefault(ankle, {})
+        known.update(angles)
+        is_over_ground = self._limb_over_ground is not None and self._hip_height_m is not None
+        if is_over_ground and {HIP, KNEE} <= angles.keys():
+            place_m = self._limbs()[ankle].place_m(known, self._hip_height_m)
             joints = [CARRIAGE_X_JOINT, CARRIAGE_JOINT]
             self._places[ankle].publish(JointState(header=message.header, name=joints, position=list(place_m)))
 

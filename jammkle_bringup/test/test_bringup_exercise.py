@@ -14,12 +14,13 @@ from std_msgs.msg import Float32
 
 from jammkle_bringup import channels
 from jammkle_bringup.core.supervisor import Death
-from jammkle_bringup.exercise import _Session, exercise
+from jammkle_bringup.exercise import HANG_PITCH, Limb, _Session, exercise
 from jammkle_bringup.graph_client import COMMAND_NODE, GraphClient
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.names import DRIVER_NODE, JOINT_STATES, PUMP_DUTY, resolved
 from jammkle_common.qos import publisher_qos
+from jammkle_sim.robots.limb import LimbParameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -110,3 +111,18 @@ def test_a_recorder_that_dies_ends_the_exercise() -> None:
     session._time_s, session._recorder = None, SimpleNamespace(first_death=lambda: died)
     with pytest.raises(GraphError, match="recorder died with exit code 1; it said: bag cannot be written"):
         session._wait(5.0)
+
+
+def test_joints_of_other_nodes_leave_the_leg_known() -> None:
+    """A head that publishes its own joint in mid-press neither takes hip and knee away nor gives a place."""
+    places: list[JointState] = []
+    session = _Session.__new__(_Session)
+    session._joints, session._places = {}, {"": SimpleNamespace(publish=places.append)}
+    session._built, session._hip_height_m = {HANG_PITCH: 0.0}, 0.29
+    session._limb_over_ground = Limb(LimbParameters(), has_abduction=False)
+    leg = JointState(name=["hip", "knee"], position=[0.5, -1.0])
+    for message in (leg, JointState(name=["head_pan"], position=[0.1]), leg):
+        session._take_joints("", message)
+    assert session._joints[""] == {"hip": 0.5, "knee": -1.0, "head_pan": 0.1}
+    assert [each.name for each in places] == [["carriage_x", "carriage"]] * 2
+    assert places[0].position == places[1].position
