@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
@@ -30,12 +31,13 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
-from jammkle_bringup.graph_client import COMMAND_NODE, LOOK_S, LOOKERS, GraphClient, below, ros_domain
+from jammkle_bringup.graph_client import COMMAND_NODE, DISCOVERY_S, LOOK_S, LOOKERS, GraphClient, below, ros_domain
 from jammkle_bringup.up import Startup, pass_on
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import make_folder, say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
+from jammkle_common.messages import AUTOMATIC, POLICY_LINE
 from jammkle_common.names import (
     ANKLE_JOINTS,
     CARRIAGE_JOINT,
@@ -43,6 +45,7 @@ from jammkle_common.names import (
     CHANNELS,
     CLOCK,
     CONTROLLER_NODE,
+    DIAGNOSTICS,
     DRIVER_NODE,
     IMU,
     JAM,
@@ -163,8 +166,13 @@ class _Session:
         self._joints: dict[str, dict[str, float]] = {}
         """By ankle, latest position by joint, rad; several nodes may publish joints of their own."""
         self._hip_height_m: float | None = None
+        self._automatic: dict[str, bool] = {}
+        """By full name of the controller, whether it jams by itself."""
+        self._were_automatic: tuple[str, ...] = ()
+        """Ankles whose controllers jammed by themselves before they were taken from them."""
         self._ankles = client.ankles()
         client.subscribe(Odometry, ODOMETRY, self._take_odometry, subscriber_qos(ODOMETRY))
+        client.subscribe(DiagnosticArray, DIAGNOSTICS, self._take_health, subscriber_qos(DIAGNOSTICS))
         self._limb_over_ground: Limb | None = None
         self._places = {}
         for ankle in self._ankles:
@@ -192,8 +200,11 @@ class _Session:
         self._recorder: Supervisor | None = None
 
     def begin(self) -> None:
-        """Take the ankles from their controllers."""
-        self._set_auto(automatic=False)
+        """Take the ankles from their controllers; one that does not say what it does is taken for automatic."""
+        controllers = {ankle: resolved(self._client.namespace, below(ankle, CONTROLLER_NODE)) for ankle in self._ankles}
+        self._client.wait_until(lambda: self._automatic.keys() >= set(controllers.values()), DISCOVERY_S)
+        self._were_automatic = tuple(ankle for ankle, name in controllers.items() if self._automatic.get(name, True))
+        self._set_auto(self._ankles, automatic=False)
 
     def _refuse_second(self) -> None:
         """Refuse to move what another exercise moves: each publishes where its ankles are, from before it begins.
@@ -281,7 +292,7 @@ class _Session:
         try:
             self._set_vacuum(CHANNELS, 0.0)
         finally:
-            self._set_auto(automatic=True)
+            self._set_auto(self._were_automatic, automatic=True)
 
     def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
         """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
@@ -380,6 +391,12 @@ class _Session:
     def _take_odometry(self, message: Odometry) -> None:
         self._hip_height_m = float(message.pose.pose.position.z)
 
+    def _take_health(self, array: DiagnosticArray) -> None:
+        for line in array.status:
+            said = {value.key: value.value for value in line.values}
+            if line.name.endswith(POLICY_LINE) and AUTOMATIC in said:
+                self._automatic[line.name.removesuffix(POLICY_LINE)] = said[AUTOMATIC] == "true"
+
     def _take_joints(self, ankle: str, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
         if set(angles) == {CARRIAGE_X_JOINT, CARRIAGE_JOINT}:
@@ -413,8 +430,8 @@ class _Session:
             elif time.monotonic() - stood_s > _STANDS_S:
                 raise GraphError(_STANDS)
 
-    def _set_auto(self, *, automatic: bool) -> None:
-        self._client.call_each(self._ankles, SET_AUTO.path, SetBool, SetBool.Request(data=automatic))
+    def _set_auto(self, ankles: Sequence[str], *, automatic: bool) -> None:
+        self._client.call_each(ankles, SET_AUTO.path, SetBool, SetBool.Request(data=automatic))
 
 
 ABDUCTION, HIP, KNEE = LEG_JOINTS

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32
@@ -18,7 +19,8 @@ from jammkle_bringup.exercise import HANG_PITCH, Limb, _Session, exercise
 from jammkle_bringup.graph_client import COMMAND_NODE, GraphClient
 from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.command.errors import GraphError, InputError
-from jammkle_common.names import DRIVER_NODE, JOINT_STATES, PUMP_DUTY, resolved
+from jammkle_common.messages import AUTOMATIC, Health, Level, diagnostic_array
+from jammkle_common.names import DRIVER_NODE, JOINT_STATES, PUMP_DUTY, SET_AUTO, resolved
 from jammkle_common.qos import publisher_qos
 from jammkle_sim.robots.limb import LimbParameters
 
@@ -94,7 +96,7 @@ def test_one_dead_driver_keeps_no_other_ankle_jammed(monkeypatch: pytest.MonkeyP
     assert client.called == ["lf_ankle/driver/unjam", "rf_ankle/driver/unjam"]
     session = _Session.__new__(_Session)
     session._client, session._ankles = client, client.ankles()
-    session._trajectory = SimpleNamespace(publish=lambda _: None)
+    session._trajectory, session._were_automatic = SimpleNamespace(publish=lambda _: None), session._ankles
     client.called.clear()
     with pytest.raises(GraphError, match="nothing answers on lf_ankle/driver/unjam"):
         session.end()
@@ -126,3 +128,34 @@ def test_joints_of_other_nodes_leave_the_leg_known() -> None:
     assert session._joints[""] == {"hip": 0.5, "knee": -1.0, "head_pan": 0.1}
     assert [each.name for each in places] == [["carriage_x", "carriage"]] * 2
     assert places[0].position == places[1].position
+
+
+@pytest.mark.parametrize(
+    ("reports", "automatic_after"),
+    [
+        ({"lf_ankle": "true", "rf_ankle": "false"}, ["lf_ankle"]),
+        ({"lf_ankle": "false", "rf_ankle": "false"}, []),
+        ({"rf_ankle": "true"}, ["lf_ankle", "rf_ankle"]),
+    ],
+    ids=["one was off", "both were off", "one says nothing"],
+)
+def test_automatic_jamming_is_afterwards_as_it_was_before(reports: dict[str, str], automatic_after: list[str]) -> None:
+    """It is off during the exercise, and comes on again where it was on."""
+    called: list[tuple[str, bool]] = []
+
+    def call_each(ankles: tuple[str, ...], path: str, _kind: object, request: Any) -> dict[str, Any]:
+        called.extend((ankle, request.data) for ankle in ankles if path == SET_AUTO.path)
+        return {}
+
+    session = _Session.__new__(_Session)
+    session._client = SimpleNamespace(namespace="/", call_each=call_each, wait_until=lambda *_: False)
+    session._ankles, session._automatic = ("lf_ankle", "rf_ankle"), {}
+    session._trajectory = SimpleNamespace(publish=lambda _: None)
+    for ankle, said in reports.items():
+        health = [Health("policy", Level.OK, "as it says", {AUTOMATIC: said})]
+        session._take_health(diagnostic_array(Time(), f"/{ankle}/controller", "ankle", health))
+    session.begin()
+    assert called == [("lf_ankle", False), ("rf_ankle", False)]
+    called.clear()
+    session.end()
+    assert called == [(ankle, True) for ankle in automatic_after]

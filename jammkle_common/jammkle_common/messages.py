@@ -67,6 +67,11 @@ COMMANDS_LINE = " commands"
 """How a simulation's line on what an ankle was commanded ends, after the ankle's name where there are several."""
 
 
+POLICY_LINE, AUTOMATIC = ": policy", "automatic"
+"""How the name of a controller's line on its policy ends, and the key of its value that says whether jamming is
+automatic: true or false."""
+
+
 LOCKSTEP_LINE = ": lockstep"
 """How the name of a simulation's line on who is in step ends; its values have the full names of the nodes as keys."""
 

@@ -18,7 +18,7 @@ from jammkle_common import names, wire
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
 from jammkle_common.lockstep import LockstepNode
-from jammkle_common.messages import Health, Level
+from jammkle_common.messages import AUTOMATIC, Health, Level
 from jammkle_common.parameters import ParameterError, declare, on_change
 from jammkle_common.qos import publisher_qos, subscribe_to_changes, subscriber_qos
 from jammkle_controller.conversions import (
@@ -402,7 +402,8 @@ class ControllerNode(LockstepNode):
     def _policy_health(self) -> Health:
         """Say what the policy wants, and whether the driver follows."""
         policy, mode = self._controller.policy, self._values.mode
-        values = {"contact": self._controller.detector.phase.value, "mode": mode.value, "state": policy.state.value}
+        values = {AUTOMATIC: str(self._auto).lower(), "contact": self._controller.detector.phase.value}
+        values |= {"mode": mode.value, "state": policy.state.value}
         for channel, vacuum_pa in policy.set_points_pa.items():
             values[f"wanted vacuum, {channel} (Pa)"] = f"{vacuum_pa:.0f}"
         landing = policy.landing

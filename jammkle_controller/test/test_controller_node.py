@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S, TIMEOUT_S
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
@@ -125,6 +125,7 @@ def test_auto_can_be_off_from_the_start(make_bench: Callable[..., Bench]) -> Non
     bench = make_bench("--ros-args", "-p", "auto_at_start:=false", is_up=False)
     bench.spin_until(lambda: bench.reports >= 2, "the controller is received")
     assert bench.commands == []
+    assert KeyValue(key="automatic", value="false") in bench.health["policy"].values
     bench.set_auto(on=True)
     bench.spin_until(lambda: bool(bench.commands), "the stream begins")
 
