@@ -195,7 +195,10 @@ def exercise(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder that gets a bag per exercise.", metavar="DIR")],
     vacuum_kpa: Annotated[
         float | None,
-        typer.Option(help="Vacuum of the jammed half, 5 to 75 kPa.", show_default="50, of press 20"),
+        typer.Option(
+            help="Vacuum of the jammed half, from 5 kPa to the driver's max_vacuum_pa, 70 kPa by default.",
+            show_default="50, of press 20",
+        ),
     ] = None,
     option: Annotated[
         list[str] | None,

@@ -33,7 +33,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
 from jammkle_bringup.graph_client import COMMAND_NODE, DISCOVERY_S, LOOK_S, LOOKERS, GraphClient, below, ros_domain
 from jammkle_bringup.up import Startup, pass_on
+from jammkle_common.bags.contents import holds_a_bag
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
+from jammkle_common.bags.stopped import set_aside, was_stopped
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import make_folder, say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -49,6 +51,7 @@ from jammkle_common.names import (
     DRIVER_NODE,
     IMU,
     JAM,
+    JAM_STATE,
     JOINT_STATES,
     JOINT_TRAJECTORY,
     LEG_JOINTS,
@@ -63,6 +66,7 @@ from jammkle_common.names import (
 )
 from jammkle_common.parameters import ParameterError, from_mapping, rows
 from jammkle_common.qos import answer_qos, node_at, publisher_qos, subscriber_qos
+from jammkle_msgs.msg import JamState
 from jammkle_msgs.srv import Jam, Unjam
 from jammkle_sim.physics.ankle import AnkleParameters, corner_m
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -85,6 +89,7 @@ if TYPE_CHECKING:
 HANG_PITCH = "hang_pitch_deg"
 AS_BUILT = ((CONTROLLER_NODE, HANG_PITCH), (DRIVER_NODE, "reservoir_volume_m3"))
 """Parameters of nodes that say how an ankle is built, and are options of an exercise."""
+_PA_PER_KPA = 1e3
 _RECORDER_TIMEOUT_S = 30.0
 _SEEN_S = 3.0
 """How long joints and odometry of a robot are waited for, s."""
@@ -109,20 +114,22 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
         asked_to_stop: Ends it early.
 
     Raises:
-        InputError: a bag is there already, there is no such exercise or option, or another one is going on.
+        InputError: a bag is there already, there is no such exercise or option, a driver takes no such vacuum, or
+            another exercise is going on.
         GraphError: the graph is not there, or refuses.
         Interrupted: asked to stop; everything is vented, and what was recorded is complete.
 
     """
+    stopped = [bag for bag in runs if holds_a_bag(bag) and was_stopped(bag)]
     for bag, sheet in runs.items():
-        if bag.exists():
+        if bag.exists() and bag not in stopped:
             msg = f"{bag} is there already: nothing is overwritten; choose another --output or move it away"
             raise InputError(msg)
         if sheet.rig not in EXERCISES:
             msg = f"exercise '{sheet.rig}' does not exist; it must be one of {', '.join(EXERCISES)}"
             raise InputError(msg)
         try:
-            from_mapping(EXERCISES[sheet.rig].options, dict(sheet.options))
+            _options_of(sheet)
         except ParameterError as error:
             msg = f"{sheet.rig}: {error}"
             raise InputError(msg) from error
@@ -130,13 +137,21 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
     ends = False
     with GraphClient(namespace, lambda: asked_to_stop() and not ends, LOOKERS) as client:
         session = _Session(client)
+        for sheet in runs.values():
+            session.check(sheet)
         try:
             session.begin()
             for bag, sheet in runs.items():
+                if bag in stopped:
+                    set_aside(bag)
                 session.do(sheet, bag)
         finally:
             ends = True  # it is vented however it ends
             session.end()
+
+
+def _options_of(sheet: RunSheet) -> Any:
+    return from_mapping(EXERCISES[sheet.rig].options, dict(sheet.options))
 
 
 def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
@@ -166,6 +181,8 @@ class _Session:
         self._joints: dict[str, dict[str, float]] = {}
         """By ankle, latest position by joint, rad; several nodes may publish joints of their own."""
         self._hip_height_m: float | None = None
+        self._states: dict[str, JamState] = {}
+        """By ankle, what its driver reported last."""
         self._automatic: dict[str, bool] = {}
         """By full name of the controller, whether it jams by itself."""
         self._were_automatic: tuple[str, ...] = ()
@@ -182,7 +199,12 @@ class _Session:
             def take(message: JointState, ankle: str = ankle) -> None:
                 self._take_joints(ankle, message)
 
+            def take_state(state: JamState, ankle: str = ankle) -> None:
+                self._states[ankle] = state
+
             client.node.create_subscription(JointState, topic, take, subscriber_qos(JOINT_STATES))
+            states = resolved(client.namespace, below(ankle, JAM_STATE.name))
+            client.node.create_subscription(JamState, states, take_state, subscriber_qos(JAM_STATE))
         self._refuse_second()
         self._trajectory = client.node.create_publisher(
             JointTrajectory, resolved(client.namespace, JOINT_TRAJECTORY.name), publisher_qos(JOINT_TRAJECTORY)
@@ -198,6 +220,23 @@ class _Session:
             raise GraphError(_STANDS)
         self._built = {name: self._value_of(node, name).double_value for node, name in AS_BUILT}
         self._recorder: Supervisor | None = None
+
+    def check(self, sheet: RunSheet) -> None:
+        """Refuse an exercise whose vacuum a driver would refuse on the way.
+
+        Raises:
+            InputError: as said.
+
+        """
+        self._client.wait_until(lambda: self._states.keys() >= set(self._ankles), DISCOVERY_S)
+        vacuum_pa = _options_of(sheet).vacuum_pa
+        for ankle, state in self._states.items():
+            least_pa, most_pa = state.min_vacuum_pa, state.max_vacuum_pa
+            if most_pa > 0.0 and not least_pa <= vacuum_pa <= most_pa:  # 0: not known
+                msg = f"{sheet.rig} asks for {vacuum_pa / _PA_PER_KPA:g} kPa, and the driver of {ankle or 'the ankle'} "
+                msg += f"takes {least_pa / _PA_PER_KPA:g} to {most_pa / _PA_PER_KPA:g} kPa (its min_vacuum_pa and "
+                msg += "max_vacuum_pa): give a vacuum between them, by --vacuum-kpa"
+                raise InputError(msg)
 
     def begin(self) -> None:
         """Take the ankles from their controllers; one that does not say what it does is taken for automatic."""

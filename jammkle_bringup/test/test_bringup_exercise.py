@@ -14,14 +14,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32
 
 from jammkle_bringup import channels
+from jammkle_bringup import exercise as exercises
 from jammkle_bringup.core.supervisor import Death
 from jammkle_bringup.exercise import HANG_PITCH, Limb, _Session, exercise
 from jammkle_bringup.graph_client import COMMAND_NODE, GraphClient
-from jammkle_common.bags.run_sheet import RunSheet
+from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.messages import AUTOMATIC, Health, Level, diagnostic_array
 from jammkle_common.names import DRIVER_NODE, JOINT_STATES, PUMP_DUTY, SET_AUTO, resolved
 from jammkle_common.qos import publisher_qos
+from jammkle_msgs.msg import JamState
 from jammkle_sim.robots.limb import LimbParameters
 
 if TYPE_CHECKING:
@@ -159,3 +161,60 @@ def test_automatic_jamming_is_afterwards_as_it_was_before(reports: dict[str, str
     called.clear()
     session.end()
     assert called == [(ankle, True) for ankle in automatic_after]
+
+
+@pytest.mark.parametrize(
+    ("vacuum_pa", "said"),
+    [
+        (75e3, r"press asks for 75 kPa, and the driver of rf_ankle takes 10 to 70 kPa \(its min_vacuum_pa"),
+        (5e3, "press asks for 5 kPa"),
+        (70e3, None),
+    ],
+)
+def test_a_vacuum_that_a_driver_refuses_is_refused_beforehand(vacuum_pa: float, said: str | None) -> None:
+    """By the limits in its jam_state; one that names none is asked later."""
+    session = _Session.__new__(_Session)
+    session._client, session._ankles = SimpleNamespace(wait_until=lambda *_: True), ("lf_ankle", "rf_ankle")
+    session._states = {"lf_ankle": JamState(), "rf_ankle": JamState(min_vacuum_pa=10e3, max_vacuum_pa=70e3)}
+    refused = contextlib.nullcontext() if said is None else pytest.raises(InputError, match=said)
+    with refused:
+        session.check(RunSheet("press", {"vacuum_pa": vacuum_pa}))
+
+
+def test_a_stopped_exercise_is_done_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its bag without a run sheet is set aside, once the robot is this command's; a whole one is in the way."""
+    bag = tmp_path / "press"
+    bag.mkdir()
+    (bag / "metadata.yaml").touch()
+    done: list[str] = []
+
+    class Ready:
+        """A session that finds everything as it should be."""
+
+        def __init__(self, _client: object) -> None:
+            assert bag.exists()
+
+        def check(self, _sheet: RunSheet) -> None:
+            assert bag.exists()
+
+        def begin(self) -> None:
+            pass
+
+        def do(self, sheet: RunSheet, bag: Path) -> None:
+            bag.mkdir()
+            (bag / FILE_NAME).touch()
+            done.append(sheet.rig)
+
+        def end(self) -> None:
+            pass
+
+    monkeypatch.setattr(exercises, "GraphClient", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(exercises, "_Session", Ready)
+    exercise({bag: RunSheet("press")}, "/", lambda: False)
+    assert done == ["press"]
+    assert (tmp_path / "unfinished" / "press" / "metadata.yaml").is_file()
+    assert f"{bag} has no run sheet, as its exercise was stopped" in capsys.readouterr().err
+    with pytest.raises(InputError, match="press is there already"):
+        exercise({bag: RunSheet("press")}, "/", lambda: False)

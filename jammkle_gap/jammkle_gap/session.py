@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Protocol
 import typer
 
 from jammkle_common.bags.contents import holds_a_bag
-from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
+from jammkle_common.bags.run_sheet import RunSheet
+from jammkle_common.bags.stopped import free_name, set_aside, was_stopped
 from jammkle_common.command import EXERCISE, provided
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
 from jammkle_common.command.results import make_folder, say
-from jammkle_gap.ankle.bag import read_bag
 from jammkle_gap.ankle.problem import plans
-from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.diagnosing import DiagnoseRequest, check, diagnose, recordings_of
 from jammkle_sim.rigs.catalogue import EXERCISES
 
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
     from jammkle_gap.core.result import Diagnosis
 
 _BRINGS_EXERCISES = "jammkle_bringup"
-_UNFINISHED = "unfinished"
-"""Folder in that of a session: holds bags of exercises that were stopped on the way."""
 
 
 class _Recorder(Protocol):
@@ -101,7 +98,7 @@ def session(request: SessionRequest) -> Diagnosis:
         say(f"next: jammkle {following.name}, {following.lasts_s:.0f} s: there, {following.sentence}")
         if not _may_go_on(request, stop):
             return diagnosis
-        _record(record, {_free(request.folder, sheet.rig): sheet}, request, stop)
+        _record(record, {free_name(request.folder, sheet.rig): sheet}, request, stop)
         done += 1
 
 
@@ -128,37 +125,11 @@ def _record(record: _Recorder, runs: Mapping[Path, RunSheet], request: SessionRe
 
 
 def _set_unfinished_aside(folder: Path) -> None:
-    """Move bags of exercises that were stopped on the way into a folder of their own: they are recorded anew.
-
-    An exercise writes its run sheet as it ends.
-    """
+    """Move bags of exercises that were stopped on the way into a folder of their own: they are recorded anew."""
     of_exercises = re.compile(rf"({'|'.join(EXERCISES)})(_\d+)?")
     for bag in sorted(each for each in folder.iterdir() if each.is_dir() and of_exercises.fullmatch(each.name)):
-        if (bag / FILE_NAME).is_file() or _says_what_it_is(bag):
-            continue
-        make_folder(folder / _UNFINISHED)
-        aside = folder / _UNFINISHED / bag.name
-        aside = bag.rename(_free(aside.parent, bag.name) if aside.exists() else aside)
-        say(
-            f"{bag} has no run sheet, as its exercise was stopped: it was moved to {aside}, and is left out; "
-            f"if it is whole, write {FILE_NAME} into it (`jammkle info` prints a template), and move it back"
-        )
-
-
-def _says_what_it_is(bag: Path) -> bool:
-    """Return whether a bag has its run sheet in it, as those of `jammkle rig` do."""
-    try:
-        return bool(read_bag(bag).sheet.rig)
-    except BadRecordingError:
-        return False
-
-
-def _free(folder: Path, name: str) -> Path:
-    """Return the next name of a bag that is not taken."""
-    number = 2
-    while (folder / f"{name}_{number}").exists():
-        number += 1
-    return folder / f"{name}_{number}"
+        if was_stopped(bag):
+            set_aside(bag)
 
 
 def _ankle(request: SessionRequest) -> str | None:
