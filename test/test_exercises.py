@@ -137,11 +137,15 @@ def test_a_foot_that_stands_is_doubted() -> None:
 
 
 def test_a_person_is_told_what_to_do_when() -> None:
-    """Six poses of a tilt, two halves of a shake; nothing for a cycle, in which nothing moves."""
+    """Six poses of a tilt, two halves of a shake, every way of a press; nothing for a cycle, in which nothing moves."""
     said = spoken(course("tilt"))
     assert said[0][1] == "tilt the shank to 40 degrees toe-down and 0 degrees to the right"
     assert [text.split()[0] for _, text in spoken(course("shake"))] == ["rock", "rock"]
     assert not spoken(course("cycle"))
+    said = spoken(course("press", sides="no"))
+    assert [text.split()[0] for _, text in said] == ["tilt", "press", "lift"] * 4
+    assert said[1] == (pytest.approx(0.6), "press down by 11 mm, within 0.6 s")
+    assert said[2] == (pytest.approx(1.5), "lift by 11 mm, within 0.6 s")
 
 
 def test_a_leg_shakes_and_presses_and_is_recorded(

@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -163,9 +164,13 @@ def is_simulated(namespace: str, asked_to_stop: Callable[[], bool]) -> bool:
     """
     with GraphClient(namespace, asked_to_stop, LOOKERS) as client:
         client.ankles()
-        # The simulation of one ankle of a robot stands above the ankle's own namespace.
-        within = {resolved(above, SIM_NODE) for above in _above(client.namespace)}
-        return client.wait_until(lambda: bool(within & client.nodes()), _SEEN_S)  # nodes are found one by one
+        return _simulation_is_seen(client)
+
+
+def _simulation_is_seen(client: GraphClient) -> bool:
+    # The simulation of one ankle of a robot stands above the ankle's own namespace.
+    within = {resolved(above, SIM_NODE) for above in _above(client.namespace)}
+    return client.wait_until(lambda: bool(within & client.nodes()), _SEEN_S)  # nodes are found one by one
 
 
 def _above(namespace: str) -> list[str]:
@@ -294,11 +299,16 @@ class _Session:
         rig, programme = kind.build(options)
         say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
         angles = self._angles(rig, limbs) if limbs else {}
+        by_hand = [] if limbs else spoken(course_of(rig, timestep_s(rig)))
+        if by_hand and _simulation_is_seen(self._client):
+            msg = f"{name} moves the shank, and nobody can take that of a simulated ankle into the hands: `jammkle rig "
+            msg += f"{name}` does it without the graph, and `jammkle up --robot leg` simulates a leg that moves it"
+            raise InputError(msg)
         if not limbs and has_ground(rig) and not all(CARRIAGE_JOINT in joints for joints in self._joints.values()):
             msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
             msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
             raise InputError(msg)
-        if not limbs and spoken(course_of(rig, timestep_s(rig))):
+        if by_hand:
             for left in range(_COUNT_S, 0, -1):
                 say(f"no joints of the robot's own are seen: take the shank into your hands; it begins in {left}")
                 self._wait(1.0)
@@ -315,7 +325,7 @@ class _Session:
                 msg = f"the recorder does not listen to every ankle after {_RECORDER_TIMEOUT_S:g} s"
                 raise GraphError(msg)
             self._wait(_BEFORE_S)
-            self._perform(rig, programme, limbs, angles)
+            self._perform(rig, programme, limbs, angles, by_hand)
             self._wait(_REST_S)
             self._limb_over_ground = None
             self._recorder = None
@@ -333,7 +343,14 @@ class _Session:
         finally:
             self._set_auto(self._were_automatic, automatic=True)
 
-    def _perform(self, rig: Rig, programme: Programme, limbs: Mapping[str, Limb], angles: Mapping[str, Any]) -> None:
+    def _perform(
+        self,
+        rig: Rig,
+        programme: Programme,
+        limbs: Mapping[str, Limb],
+        angles: Mapping[str, Any],
+        by_hand: Sequence[tuple[float, str]],
+    ) -> None:
         """Move shank and valves through an exercise, the shank by its joints or by the words for whoever moves it."""
         in_simulation, course = self._time_s is not None, course_of(rig, timestep_s(rig))
         begun_s = self._now_s() + (_AHEAD_S if in_simulation else 0.0)
@@ -344,8 +361,7 @@ class _Session:
             self._limb_over_ground = next(iter(limbs.values())) if has_ground(rig) else None
             moved = {joint: course_rad[1:] for joint, course_rad in angles.items()}
             self._move(moved, course.time_s[1:].tolist(), begun_s if in_simulation else None)
-        elif not angles:
-            due += [(at_s, partial(say, text)) for at_s, text in spoken(course)]
+        due += [(at_s, partial(say, text)) for at_s, text in by_hand]
         for at_s, act in sorted(due, key=lambda each: each[0]):
             self._wait(begun_s + at_s - self._now_s())
             act()
@@ -481,6 +497,8 @@ RETRACTED_M = 0.04
 by 40 degrees needs as much."""
 _MOVES = 1e-3
 """Degrees, or mm, between two points from which on a shank moves: rounding is below."""
+_TURNS = 2.0
+"""A kind of motion; others are down, -1, up, 1, and none, 0."""
 _STANDS_RAD = 1e-6
 """Turn between two points below which a shank stands: rounding."""
 READY_S = 2.0
@@ -517,20 +535,24 @@ def course_of(rig: Rig, step_s: float) -> ShankCourse:
 def spoken(course: ShankCourse) -> list[tuple[float, str]]:
     """Return what is said to a person who moves the shank by hand, with the times, s."""
     poses = np.column_stack((np.degrees(course.pitch_rad), np.degrees(course.roll_rad), 1e3 * course.height_m))
-    moves = np.abs(np.diff(poses, axis=0)).max(axis=1) > _MOVES
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], moves.astype(np.int8), [0]))))
+    steps = np.diff(poses, axis=0)
+    moves = np.abs(steps) > _MOVES
+    turns = moves[:, :2].any(axis=1)
+    kinds = np.where(turns, _TURNS, np.where(moves[:, 2], np.sign(steps[:, 2]), 0.0))
+    edges = np.flatnonzero(np.diff(kinds, prepend=0.0, append=0.0))
     found = []
-    for first, last in edges.reshape(-1, 2).tolist():
+    for first, last in pairwise(edges.tolist()):
+        if kinds[first] == 0.0:
+            continue
         lasts_s = float(course.time_s[last] - course.time_s[first])
-        pitch_deg, roll_deg, height_mm = poses[last] - poses[first]
-        if np.ptp(poses[first : last + 1, 0]) > 2.0 * abs(pitch_deg) + _MOVES:
-            text = f"rock the shank to all sides, slowly and then faster and faster, for {lasts_s:.0f} s"
-        elif max(abs(pitch_deg), abs(roll_deg)) > _MOVES:
-            text = (
-                f"tilt the shank to {poses[last, 0]:.0f} degrees toe-down and {poses[last, 1]:.0f} degrees to the right"
-            )
-        else:
+        pitch_deg, _, height_mm = poses[last] - poses[first]
+        if kinds[first] != _TURNS:
             text = f"{'press down' if height_mm < 0.0 else 'lift'} by {abs(height_mm):.0f} mm, within {lasts_s:.1f} s"
+        elif np.ptp(poses[first : last + 1, 0]) > 2.0 * abs(pitch_deg) + _MOVES:
+            text = f"rock the shank to all sides, slowly and then faster and faster, for {lasts_s:.0f} s"
+        else:
+            pitch_deg, roll_deg, _ = poses[last]
+            text = f"tilt the shank to {pitch_deg:.0f} degrees toe-down and {roll_deg:.0f} degrees to the right"
         found.append((float(course.time_s[first]), text))
     return found
 

@@ -218,3 +218,15 @@ def test_a_stopped_exercise_is_done_again(
     assert f"{bag} has no run sheet, as its exercise was stopped" in capsys.readouterr().err
     with pytest.raises(InputError, match="press is there already"):
         exercise({bag: RunSheet("press")}, "/", lambda: False)
+
+
+@pytest.mark.parametrize("name", ["press", "tilt"])
+def test_nobody_is_asked_to_move_a_simulated_ankle(name: str, tmp_path: Path) -> None:
+    """It is refused with two ways out, before anything is recorded."""
+    session = _Session.__new__(_Session)
+    session._client = SimpleNamespace(
+        namespace="/", nodes=lambda: {"/sim", "/driver"}, wait_until=lambda holds, _: holds()
+    )
+    session._joints, session._built = {"": {"ankle_pitch": 0.0}}, {}
+    with pytest.raises(InputError, match=f"`jammkle rig {name}` does it without the graph"):
+        session.do(RunSheet(name), tmp_path / name)
