@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import subprocess
 import sys
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jammkle_bringup.core.run_plot import STRETCHES, Envelope, Pressure, run_picture
+from jammkle_bringup.core.run_plot import STRETCHES, Envelope, Loop, Pressure, run_picture
 from jammkle_common.command.main import main
 from jammkle_view.core.figure import EVENT_TINTS, LINE_TINTS
 from jammkle_view.core.samples import EventKind
@@ -51,6 +52,30 @@ def test_an_envelope_does_not_grow() -> None:
         envelope.add(step * 5e-3, 7.0 if step == 123_456 else 0.001 * (step % 10))
     assert len(envelope.points()) <= 4 * STRETCHES
     assert (123_456 * 5e-3, 7.0) in envelope.points()
+
+
+@pytest.mark.parametrize("lost", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("step_s", [1e-6, 0.1], ids=["in one stretch", "merged"])
+def test_a_reading_that_is_none_hides_no_peak(lost: float, step_s: float) -> None:
+    """Whether a stretch begins with it or is merged with one that does; where all are none, there is a gap."""
+    envelope = Envelope()
+    values = [lost, 9.8, 500.0, -500.0, *[9.8] * 10_000]
+    for place, value in enumerate(values):
+        envelope.add(place * step_s, value)
+    kept = {value for _, value in envelope.points()}
+    assert {500.0, -500.0} <= kept
+    gap = Envelope()
+    for place in range(10_000):
+        gap.add(place * step_s, lost)
+    assert not any(math.isfinite(value) for _, value in gap.points())
+
+
+def test_a_reading_that_is_none_does_no_work() -> None:
+    """The label of the loop has the work of all others."""
+    loop = Loop()
+    for time_s, length_m, force_n in ((0.0, 0.0, 10.0), (1.0, math.nan, 10.0), (2.0, 0.1, math.nan), (3.0, 0.2, 10.0)):
+        loop.add(time_s, length_m, force_n)
+    assert loop.work_j == pytest.approx(2.0)
 
 
 @pytest.fixture

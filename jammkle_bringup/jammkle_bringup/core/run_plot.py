@@ -161,7 +161,10 @@ def write_html(picture: RunPicture, path: Path) -> None:
 
 
 class Envelope:
-    """Points of which the extremes of every coordinate but the first, the time, are kept, and the first and last."""
+    """Points of which the extremes of every coordinate but the first, the time, are kept, and the first and last.
+
+    What is not finite is no extreme: a stretch with nothing else is a gap.
+    """
 
     def __init__(self, coordinates: int = 1) -> None:
         """Begin; `coordinates` is how many values a point has beside its time."""
@@ -181,9 +184,9 @@ class Envelope:
         held[1] = point
         for axis in range(1, self._coordinates + 1):
             low = 2 * axis
-            if point[axis] < held[low][axis]:
+            if _or_inf(point[axis], math.inf) < _or_inf(held[low][axis], math.inf):
                 held[low] = point
-            elif point[axis] > held[low + 1][axis]:
+            if _or_inf(point[axis], -math.inf) > _or_inf(held[low + 1][axis], -math.inf):
                 held[low + 1] = point
 
     def points(self) -> list[Point]:
@@ -212,9 +215,15 @@ class Envelope:
         found = [min(first[0], second[0]), max(first[1], second[1])]
         for axis in range(1, self._coordinates + 1):
             low = 2 * axis
-            found.append(min(first[low], second[low], key=lambda point, axis=axis: point[axis]))  # type: ignore[misc]
-            found.append(max(first[low + 1], second[low + 1], key=lambda point, axis=axis: point[axis]))  # type: ignore[misc]
+            lower = _or_inf(second[low][axis], math.inf) < _or_inf(first[low][axis], math.inf)
+            higher = _or_inf(second[low + 1][axis], -math.inf) > _or_inf(first[low + 1][axis], -math.inf)
+            found += [second[low] if lower else first[low], second[low + 1] if higher else first[low + 1]]
         return found
+
+
+def _or_inf(value: float, infinite: float) -> float:
+    """Return a value, or one that is no extreme in place of a reading that is none."""
+    return value if math.isfinite(value) else infinite
 
 
 @dataclass
@@ -287,10 +296,11 @@ class Loop:
     _last: tuple[float, float] | None = None
 
     def add(self, time_s: float, length_m: float, force_n: float) -> None:
-        """Take a pair."""
-        if self._last is not None:
-            self.work_j += (length_m - self._last[0]) * (force_n + self._last[1]) / 2.0
-        self._last = (length_m, force_n)
+        """Take a pair; one that is not finite does no work."""
+        if math.isfinite(length_m) and math.isfinite(force_n):
+            if self._last is not None:
+                self.work_j += (length_m - self._last[0]) * (force_n + self._last[1]) / 2.0
+            self._last = (length_m, force_n)
         self.path.add(time_s, length_m, force_n)
         self.force.add(time_s, force_n)
 
