@@ -37,7 +37,7 @@ from jammkle_gap.core.result import (
 )
 from jammkle_gap.diagnosing import corrected_file
 from jammkle_gap.report import screen, words
-from jammkle_gap.report.page import MOST_BARS, MOST_TRACES, bars_of, heat_map, page
+from jammkle_gap.report.page import MOST_BARS, MOST_TRACES, _thinned, bars_of, heat_map, page
 from jammkle_gap.report.words import Asked, percent, percents, probability, quantities, quantity, span
 
 LIMIT_BYTES = 5e6
@@ -353,6 +353,21 @@ def test_pages_stay_small_however_much_was_recorded() -> None:
     assert len(text.encode()) < LIMIT_BYTES
     assert text.count("<img") == MOST_TRACES + 2  # and the overview and the bars
     assert f"{40 * 20 - MOST_TRACES} more, with the smallest shares, are not drawn" in text
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("samples", "place"), [(1, 0), (899, 897), (3000, 2998), (3006, 1500), (3006, 3000), (3006, 3004), (5999, 5997)]
+)
+def test_no_peak_is_lost(samples: int, place: int, sign: float) -> None:
+    """Wherever it is, also behind the last whole stretch; there are two points a stretch, and both ends."""
+    y = np.zeros(samples)
+    y[place] = 100.0 * sign
+    x, kept = _thinned(np.arange(samples, dtype=np.float64), y, 300)
+    assert place in x
+    assert kept[x.tolist().index(place)] == y[place]
+    assert {0, samples - 1} <= set(x)
+    assert len(x) <= max(3 * 300, 2 * (300 + 1) + 2)
 
 
 def test_names_cannot_break_the_page() -> None:

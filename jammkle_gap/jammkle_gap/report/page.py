@@ -304,9 +304,10 @@ def _thinned(
     if length <= 2:  # noqa: PLR2004 - two points are kept of each
         return x, y
     whole = len(x) // length * length
-    table = y[:whole].reshape(-1, length)
-    starts = np.arange(0, whole, length)
-    ends = (np.array([0]), starts + table.argmin(axis=1), starts + table.argmax(axis=1), np.array([len(x) - 1]))
+    table, starts = y[:whole].reshape(-1, length), np.arange(0, whole, length)
+    ends = [np.array([0, len(x) - 1]), starts + table.argmin(axis=1), starts + table.argmax(axis=1)]
+    if whole < len(x):
+        ends.append(whole + np.array([y[whole:].argmin(), y[whole:].argmax()]))
     kept = np.unique(np.concatenate(ends))
     return x[kept], y[kept]
 
