@@ -84,6 +84,28 @@ def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None
         run_of_csv(marked)
 
 
+def test_csv_has_each_column_once(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Of two columns of one name nobody knows which counts."""
+    file = robot_arm.write_csv(tmp_path / "run.csv", {**recorded, " elbow.position": recorded["yaw.position"]})
+    with pytest.raises(BadRecordingError, match=r"elbow\.position stands there twice"):
+        run_of_csv(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("gains: {elbow: {kp: true}}", "gains of elbow: kp is 'True'; it must be a number"),
+        ("joints: {elbow: {sign: yes}}", "joint elbow: sign is 'True'; it must be a number"),
+        ("noise: {position: on}", "noise: position is 'True'; it must be a number"),
+    ],
+)
+def test_map_takes_no_word_for_a_number(tmp_path: Path, text: str, said: str) -> None:
+    """YAML reads yes and no as true and false, and those are no 1 and 0."""
+    (tmp_path / "map.yaml").write_text(f"model: arm.xml\n{text}\n")
+    with pytest.raises(BadRobotError, match=said):
+        read_map(tmp_path / "map.yaml")
+
+
 def test_map_turns_names_signs_zeros_and_units(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """What is recorded by another name, sign, zero and in degrees is the model's again."""
     strange = dict(recorded)

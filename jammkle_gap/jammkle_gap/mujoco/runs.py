@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -306,7 +307,8 @@ def _table(given: Any, where: str) -> Mapping[str, Any]:
 
 def _number(given: Any, where: str) -> float:
     try:
-        number = float(given)  # a text, too: YAML reads 1e-3 as one
+        # a text, too: YAML reads 1e-3 as one; yes and no are none
+        number = math.nan if isinstance(given, bool | np.bool_) else float(given)
     except (TypeError, ValueError):
         number = math.nan
     if not math.isfinite(number):
@@ -487,6 +489,9 @@ def run_of_csv(path: Path) -> Run:
             msg = f"{path} holds no samples"
             raise BadRecordingError(msg)
         names = [each.strip() for each in rows[0]]
+        if twice := sorted(name for name, count in Counter(names).items() if name and count > 1):
+            msg = f"{', '.join(twice)} stand{'s' if len(twice) == 1 else ''} there twice"
+            raise ValueError(msg)  # noqa: TRY301 - said as the others are
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:] if row])
         columns = dict(zip(names, table.T, strict=True))
         if _TIME not in columns:
