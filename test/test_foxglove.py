@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -25,7 +26,7 @@ from browser import wait_until
 from graph import environment
 from jammkle_common.names import BASE_FRAME, IMU, JAM_STATE, ODOM_FRAME, ODOMETRY, ROBOT_DESCRIPTION, TF
 from jammkle_msgs.msg import JamState
-from jammkle_view.foxglove.node import TRANSFORM_SUFFIX
+from jammkle_view.foxglove.node import TRANSFORM_SUFFIX, FoxgloveNode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,6 +151,21 @@ def test_a_publisher_that_comes_later_and_promises_less_is_forwarded(
                 app.listen_until(lambda: seen(best_effort, "best effort"), "the second is forwarded")
         finally:
             process.terminate()
+
+
+def test_a_type_without_its_python_module_is_not_forwarded() -> None:
+    """Its definition may be installed alone: that ends no connection, and a line names it."""
+    said: list[str] = []
+    stand_in = SimpleNamespace(
+        _source=lambda name: name,
+        _qos=lambda _: QoSProfile(depth=1),
+        _take=lambda *_: None,
+        _types={"/seen": "absent_msgs/msg/Thing"},
+        get_logger=lambda: SimpleNamespace(warning=said.append),
+    )
+    FoxgloveNode._subscribe(stand_in, "/seen")
+    assert len(said) == 1
+    assert said[0].startswith("/seen is not forwarded: type absent_msgs/msg/Thing is not installed here")
 
 
 def listens(port: str) -> bool:

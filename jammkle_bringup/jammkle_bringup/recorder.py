@@ -7,7 +7,6 @@ import contextlib
 import enum
 import errno
 import functools
-import importlib
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -28,7 +27,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.command.results import say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
 from jammkle_common.diagnostics import DiagnosticsPublisher, Liveness
-from jammkle_common.messages import Health, Level
+from jammkle_common.messages import Health, Level, installed_class
 from jammkle_common.names import CLOCK, DIAGNOSTICS, LOCKSTEP, RECORDER_NODE, SIM_PARAMETERS, TOPICS, resolved
 from jammkle_common.qos import MessageInfo, answer_qos, belongs, misses, node_at, publisher_qos, strongest, with_info
 from jammkle_common.runner import run
@@ -183,7 +182,7 @@ class Recorder(Node):
 
     def _subscribe(self, name: str, message_type: str, offered: QoSProfile) -> None:
         try:
-            kind = _installed(message_type)
+            kind = installed_class(message_type)
             self._types[name] = (message_type, functools.partial(self._offered, name, offered))
             self._log.add_topic(name, *self._types[name])
         except InputError as error:
@@ -315,21 +314,6 @@ class Recorder(Node):
         self._diagnostics.at(tick_ns / NANOSECONDS_PER_SECOND)
         if self._done.get_subscription_count() > 0:
             self._done.publish(self._answer.write(tick_ns))
-
-
-def _installed(message_type: str) -> Any:
-    """Return the class of `package/msg/Name`.
-
-    Raises:
-        InputError: the type is not installed.
-
-    """
-    package, _, name = message_type.replace("/", ".").rpartition(".")
-    try:
-        return getattr(importlib.import_module(package), name)
-    except (ImportError, AttributeError, ValueError):
-        msg = f"type {message_type} is not installed here: build its package and source the workspace"
-        raise InputError(msg) from None
 
 
 def _bag_qos(profile: QoSProfile) -> Qos:

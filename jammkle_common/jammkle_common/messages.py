@@ -14,6 +14,7 @@ import importlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from jammkle_common.command.errors import InputError
 from jammkle_common.names import TF
 
 if TYPE_CHECKING:
@@ -39,19 +40,33 @@ ROS_MODULES = (
 """Python modules that come with ROS, or are built with it, and may not be there."""
 
 
+def installed_class(message_type: str) -> Any:
+    """Return the class of `package/msg/Name`, of ROS: one that can be subscribed to.
+
+    Raises:
+        InputError: it is not installed.
+
+    """
+    package, _, name = message_type.replace("/", ".").rpartition(".")
+    try:
+        return getattr(importlib.import_module(package), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        msg = f"type {message_type} is not installed here: build its package and source the workspace"
+        raise InputError(msg) from error
+
+
 def message_class(message_type: str) -> Any:
     """Return the class of `package/msg/Name`: of ROS where that is installed, else a plain one.
 
     Raises:
-        ModuleNotFoundError: its package is neither installed nor one of `ROS_MODULES`.
-        InputError: its package is one of these, and has no such type.
+        InputError: its package is neither installed nor one of `ROS_MODULES`, or has no such type.
 
     """
-    package, folder, name = message_type.split("/")
     try:
-        return getattr(importlib.import_module(f"{package}.{folder}"), name)
-    except ModuleNotFoundError as error:
-        if str(error.name).partition(".")[0] not in ROS_MODULES:
+        return installed_class(message_type)
+    except InputError as error:
+        missing = error.__cause__
+        if not isinstance(missing, ModuleNotFoundError) or str(missing.name).partition(".")[0] not in ROS_MODULES:
             raise
     from jammkle_common.bags.definitions import plain_class  # noqa: PLC0415 - a node shall not wait for the bag library
 

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, Serialiser, share_folders
 from jammkle_common.command.errors import InputError
-from jammkle_common.messages import message_class, transform_of
+from jammkle_common.messages import installed_class, transform_of
 from jammkle_common.parameters import ParameterError, declare
 from jammkle_common.qos import belongs, strongest
 from jammkle_view.parameters import FoxgloveParameters
@@ -194,7 +194,7 @@ class FoxgloveNode(Node):
         take = functools.partial(self._take if source == name else self._take_pose, name)
         qos = self._qos(source)
         try:
-            kind = message_class(self._types[source])
+            kind = installed_class(self._types[source])
         except InputError as error:
             self.get_logger().warning(f"{name} is not forwarded: {error}")
             return
