@@ -49,8 +49,9 @@ def test_the_first_session(domain_id: int, make_probe: Callable[..., Probe], tmp
     )
     said, _ = session.communicate(timeout=2 * REAL_TIMEOUT_S)
     assert session.returncode == 0, said
-    for words in (*CHANNELS, "unjamming", "achilles at 45000 Pa"):
+    for words in (*CHANNELS, "automatic jamming is off", "unjamming", "achilles at 45000 Pa"):
         assert words in said, said
+    assert said.rpartition("achilles at 45000 Pa")[2].count("asked by ~/jam") == len(CHANNELS), said
     assert (tmp_path / "up.log").read_text().endswith("jammkle: stopped\n")
     probe.spin_until(
         lambda: all(probe.received[topic.name] for topic in SOLENOIDS.values()), "the solenoids are received"
