@@ -66,7 +66,9 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
             maker.write("/lf_ankle/joint_states", time_s, joints(maker, time_s, ["ankle_pitch", "carriage"]))
         if step % 100 == 0:
             maker.write("/lf_ankle/achilles/solenoid", time_s, maker.make("std_msgs/msg/Bool", step >= 100))
-            maker.write("/lf_ankle/jam_state", time_s, maker.jam_state(time_s, step // 100, 5e4, "achilles"))
+            state = maker.jam_state(time_s, step // 100, 5e4, "achilles")
+            state.fault.reason = state.channels[0].fault = 7 * (step == 400)
+            maker.write("/lf_ankle/jam_state", time_s, state)
     maker.write("/lf_ankle/contact_events", 12.5, maker.impact(12.5))
     maker.write("/robot_description", 10.0, maker.make("std_msgs/msg/String", "<robot name='leg'/>"))
     return maker.close()
@@ -95,7 +97,8 @@ def test_each_topic_is_a_table_with_units_in_its_columns(bag: Path, tmp_path: Pa
     states = table(tmp_path / "out" / "lf_ankle_jam_state.csv")
     assert [row["achilles_state"] for row in states] == ["UNKNOWN", "UNJAMMED", "JAMMING", "JAMMED", "VENTING"]
     assert {"achilles_commanded_vacuum_pa", "manifold_vacuum_pa", "fault_reason"} <= states[0].keys()
-    assert {row["achilles_fault"] for row in states} == {"UNKNOWN"}  # as Fault has it
+    assert [row["achilles_fault"] for row in states] == ["", "", "", "", "SENSOR_DEAD"]
+    assert [row["fault_reason"] for row in states] == ["", "", "", "", "SENSOR_DEAD"]
     (event,) = table(tmp_path / "out" / "lf_ankle_contact_events.csv")
     assert (event["type"], event["magnitude"], event["unit"]) == ("IMPACT", "30", "m/s^2")
     assert [row["solenoid"] for row in table(tmp_path / "out" / "lf_ankle_achilles_solenoid.csv")] == [

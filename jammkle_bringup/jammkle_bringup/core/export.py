@@ -459,7 +459,9 @@ _JOINT_UNITS = {"position": ("rad", "m"), "velocity": ("rad_s", "m_s"), "effort"
 """Of a joint that turns and of one that slides. The message does not tell which it is: `carriage` alone slides here."""
 
 
-_WORDS_ELSEWHERE = {("jammkle_msgs/msg/ChannelJamState", "fault"): "jammkle_msgs/msg/Fault"}
+_FAULT = "jammkle_msgs/msg/Fault"
+"""Its 0, UNKNOWN, says that no fault is known: an empty cell, as its text is, and no fault that nobody knows."""
+_WORDS_ELSEWHERE = {("jammkle_msgs/msg/ChannelJamState", "fault"): _FAULT}
 """Fields whose constants another message has."""
 
 
@@ -535,7 +537,8 @@ class RowMaker:
 
     def _words(self, message_type: str) -> dict[Any, str]:
         constants = self._definitions[message_type][0]
-        return {value: name for name, kind, value in constants if kind in {"uint8", "byte"}}
+        words = {value: name for name, kind, value in constants if kind in {"uint8", "byte"}}
+        return {**words, 0: ""} if message_type == _FAULT else words
 
 
 def _names_field(fields: Any) -> str:
