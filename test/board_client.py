@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from jammkle_sim.board_bench import BoardBench
+    from board_bench import BoardBench
 
 REGISTERS = register_list()
 LATCHED = REGISTERS.input("latched").address

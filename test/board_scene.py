@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from std_msgs.msg import Bool
 
+from board_bench import BoardBench
 from graph import TIMEOUT_S, Probe, environment
 from jammkle_common.constants import STANDARD_GRAVITY_M_S2
 from jammkle_common.names import (
@@ -27,7 +28,6 @@ from jammkle_common.names import (
     MANIFOLD_PRESSURE,
 )
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand
-from jammkle_sim.board_bench import BoardBench
 from landing_imu import IMPACT_M_S2, PlayedImu
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from jammkle_sim.board_bench import BoardPlant
+    from board_bench import BoardPlant
 
 EVERYTHING = 0b111
 SUPPLY_PIN = 4

@@ -17,9 +17,9 @@ from jammkle_driver.core.hardware import ActuatorCommand, LinkState, released
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from board_bench import BoardBench
     from jammkle_driver.board.protocol import Exchange
     from jammkle_driver.board.wiring import Wiring
-    from jammkle_sim.board_bench import BoardBench
 
 FIRMWARE = Path(__file__).parents[1] / "jammkle_driver" / "firmware"
 AVR = os.environ.get("JAMMKLE_BOARD") == "avr"

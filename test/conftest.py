@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 from processes import Processes
 
+from board_bench import BoardBench
 from board_client import Client
 from boards import board_command
 from graph import Probe, Up
 from jammkle_common.testing import own_domain
-from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from board_bench import BoardPlant
 from jammkle_common.names import CHANNELS
 from jammkle_driver.fake import FakeFault
-from jammkle_sim.board_bench import BoardPlant
 
 if TYPE_CHECKING:
     from collections.abc import Callable

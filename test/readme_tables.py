@@ -33,11 +33,12 @@ from jammkle_driver.board.wiring import RegisterList, register_list
 from jammkle_driver.parameters import DriverParameters
 from jammkle_gap.monitor.parameters import GapMonitorParameters
 from jammkle_sim.parameters import RobotParameters, SimParameters
-from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
+from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.options import RobotOptions
 from jammkle_sim.robots.quadruped import QuadrupedParameters
 from jammkle_view.parameters import FoxgloveParameters, ViewerParameters
+from pump_bench import Pneumatics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

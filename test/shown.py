@@ -39,7 +39,7 @@ ELSEWHERE: dict[str, str] = {
     r"jammkle up --robot leg -p sim:behaviour:=hang|jammkle exercise|jammkle gap session": "test/test_exercises.py",
     r"jammkle gap diagnose --model": "jammkle_gap/test/test_mujoco_diagnosis.py",
     r"jammkle hardware check": _CHECK,
-    r"(.*--hardware modbus --port|.*python -m jammkle_sim.board_bench)": _BOARD,
+    r"(.*--hardware modbus --port|.*python test/board_bench.py)": _BOARD,
     r"python -m jammkle_driver .*modbus": _BOARD,
     r"jammkle up --robot quadruped --hardware modbus": _BOARDS,
     r"jammkle jam achilles --namespace lf_ankle$": _BOARDS,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
+from board_bench import BoardBench, BoardPlant
 from boards import Host, wiring
 from graph import COMMAND
 from jammkle_common.command.errors import InputError
@@ -28,7 +29,6 @@ from jammkle_driver.board.commissioning import (
 from jammkle_driver.board.protocol import Exchange
 from jammkle_driver.board.wiring import load_wiring, standard_board_file
 from jammkle_driver.core.hardware import MANIFOLD
-from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 
 if TYPE_CHECKING:

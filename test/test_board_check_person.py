@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from board_bench import BoardBench, BoardPlant
 from board_client import HOST_SILENT, Client
 from boards import AVR
 from graph import COMMAND
 from jammkle_driver.board.wiring import load_wiring
-from jammkle_sim.board_bench import BoardBench, BoardPlant
 from jammkle_sim.physics.pneumatics import PneumaticParameters
 from terminal import CTRL_C, Terminal
 from test_board_check import OTHER_FIRMWARE

@@ -20,8 +20,8 @@ from jammkle_driver.board.wiring import default_watchdog_s
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from board_bench import BoardBench, Edge
     from board_client import Client
-    from jammkle_sim.board_bench import BoardBench, Edge
 
 STEP_S = 0.001
 """A step of the board's clock, and the longest turn of its loop."""

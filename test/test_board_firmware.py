@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymodbus.framer.rtu import FramerRTU
 
+from board_bench import BoardBench
 from board_client import (
     ACKNOWLEDGE,
     FIRST_SENSOR,
@@ -25,7 +26,6 @@ from board_client import (
 )
 from boards import AVR, board_command, build
 from jammkle_driver.board.wiring import default_watchdog_s
-from jammkle_sim.board_bench import BoardBench
 from jammkle_sim.topics import WATCHDOG_S
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from board_bench import BoardBench
     from graph import Probe, Up
-    from jammkle_sim.board_bench import BoardBench
 
 HELD_PA = STANDARD_ATMOSPHERE_PA - HELD_VACUUM_PA
 STALE_S = 0.5

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 from nonsense import UNIT, Terminal, code_of, frame, is_whole, right_reply
 
+from board_bench import BoardBench
 from boards import AVR, JAMMED, RELEASED, Host
 from bought_board import OtherBoard
 from jammkle_common.command.errors import InputError
@@ -32,7 +33,6 @@ from jammkle_driver.board.wiring import (
     standard_board_file,
 )
 from jammkle_driver.core.hardware import ActuatorCommand, BoardFault, LinkState, ResetCause, SafeCause
-from jammkle_sim.board_bench import BoardBench
 from test_board_check import OTHER_FIRMWARE
 
 if TYPE_CHECKING:

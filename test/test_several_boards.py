@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from board_bench import BoardBench
 from jammkle_common.command.main import EXIT_FAILED
 from jammkle_common.names import ACHILLES, JAM_STATE, QUADRUPED_ANKLES
 from jammkle_msgs.msg import ChannelJamState
-from jammkle_sim.board_bench import BoardBench
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from jammkle_common.names import CHANNELS
 from jammkle_sim.physics import pneumatics
 from jammkle_sim.physics.kernels import orifice_flow_kg_s
-from jammkle_sim.physics.pneumatics import PneumaticParameters, Pneumatics
+from jammkle_sim.physics.pneumatics import PneumaticParameters
+from pump_bench import Pneumatics
 
 Coils = tuple[bool, bool, bool]
 DT_S = 0.0005

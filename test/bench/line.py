@@ -20,6 +20,7 @@ import serial
 from pymodbus.framer.rtu import FramerRTU
 from std_srvs.srv import SetBool
 
+from board_bench import BoardBench
 from boards import RELEASED, Host, board_command
 from delay import GROUND_S, Stimulus
 from echo import ECHO, MARK
@@ -29,7 +30,6 @@ from jammkle_common.names import ACHILLES, CHANNEL_JAMS, CHANNELS
 from jammkle_driver.board.line import silence_s
 from jammkle_driver.board.wiring import load_wiring, register_list
 from jammkle_msgs.msg import ChannelJamState
-from jammkle_sim.board_bench import BoardBench
 from landing_imu import IMPACT_M_S2
 
 if TYPE_CHECKING:

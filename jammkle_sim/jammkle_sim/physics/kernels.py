@@ -310,15 +310,6 @@ def _settle(law: Any, state: Any, volume: int, duration_s: float) -> None:
 
 
 @compiled
-def pneumatic_history(law: Any, state: Any, steps: int, pressure_pa: Any) -> None:
-    """Advance the pneumatics by `steps` and write the pressures after each, shape (steps, VOLUMES)."""
-    for step in range(steps):
-        advance_pneumatics(law[0], state[0])
-        for i in range(VOLUMES):
-            pressure_pa[step, i] = state[0].pressure_pa[i]
-
-
-@compiled
 def air_history(law: Any, state: Any, duty: Any, drawing: Any, pressure_pa: Any) -> None:
     """Advance the air by one time step per row, with what pump and valves do in each.
 

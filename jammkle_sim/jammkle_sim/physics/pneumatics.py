@@ -152,57 +152,6 @@ def state_at(law: NDArray[Any], pressure_pa: NDArray[np.float64]) -> NDArray[Any
     return state
 
 
-class Pneumatics:
-    """The air of one ankle on its own: what a pump bench sees."""
-
-    def __init__(self, parameters: PneumaticParameters, timestep_s: float) -> None:
-        """Start vented, pump off.
-
-        Args:
-            parameters: Volumes, conductances, pump and valves.
-            timestep_s: Time step, s.
-
-        """
-        self._built = pneumatic_law(parameters, timestep_s)
-        self._law = self._built.copy()
-        self._state = vented_state(self._law)
-
-    def command(self, duty: float, energised: tuple[bool, bool, bool]) -> None:
-        """Set pump duty, 0 to 1, and the solenoids, in the order of CHANNELS."""
-        self._state["duty"] = duty
-        self._state["command"] = energised
-
-    def pinch(self, channel: str, share: float) -> None:
-        """Leave a share, 0 to 1, of the conductance of a channel's line."""
-        self._law["valve_kg_s_pa"][0, CHANNELS.index(channel)] *= share
-
-    def puncture(self, place: str, conductance_dm3_s_bar: float) -> None:
-        """Make a hole into a channel, or into the `MANIFOLD`, of this sonic conductance."""
-        volume = 0 if place == MANIFOLD else 1 + CHANNELS.index(place)
-        self._law["leak_kg_s_pa"][0, volume] += conductance_kg_s_pa(conductance_dm3_s_bar)
-        self._law["substeps"] = stable_substeps(self._law)
-
-    def repair(self) -> None:
-        """Undo every pinch and puncture; the air stays as it is."""
-        self._law[:] = self._built
-
-    def advance(self, steps: int) -> NDArray[np.float64]:
-        """Advance and return absolute pressures after each step, Pa, shape (steps, 4): manifold, then channels."""
-        pressure_pa = np.zeros((steps, records.VOLUMES))
-        kernels.pneumatic_history(self._law, self._state, steps, pressure_pa)
-        return pressure_pa
-
-    @property
-    def mass_kg(self) -> float:
-        """Air in all volumes, kg."""
-        return float(self._state["mass_kg"].sum())
-
-    @property
-    def exchanged_kg(self) -> float:
-        """Air that came in through vents and leaks less what the pump took out, since the start, kg."""
-        return float(self._state["admitted_kg"][0] - self._state["pumped_kg"][0])
-
-
 BORE_M = 0.0025
 """Inner diameter of a hose, m: polyurethane of 4/2.5 mm, the common size for valves of 0.1 dm^3/(s bar). Data sheet."""
 _SOUND_M_S = 343.0

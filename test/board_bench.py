@@ -1,6 +1,6 @@
 """A board on a bench: its firmware as a process, and behind its pins, over a socket, the simulated plant in real time.
 
-    .venv/bin/python -m jammkle_sim.board_bench --firmware jammkle_driver/firmware/build/board --port /tmp/jammkle_board
+    .venv/bin/python test/board_bench.py --firmware jammkle_driver/firmware/build/board --port /tmp/jammkle_board
 
 makes a serial device that behaves like a board with pump, valves and sensors. The messages on the socket are described
 in jammkle_driver/firmware/host/wires.h.
@@ -24,8 +24,9 @@ import typer
 
 from jammkle_common.names import CHANNELS
 from jammkle_common.runner import StopFlag
-from jammkle_sim.physics.pneumatics import MANIFOLD, PneumaticParameters, Pneumatics
+from jammkle_sim.physics.pneumatics import MANIFOLD, PneumaticParameters
 from jammkle_sim.physics.sensors import SensorParameters
+from pump_bench import Pneumatics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -166,7 +167,7 @@ class BoardBench:
             server.listen(1)
             options = ["-l", str(port), "-p", str(path), "-b", str(baud)]
             options += [] if store is None else ["-s", str(store)]
-            self.process = subprocess.Popen([*command, *options])  # noqa: S603 - the project's own firmware
+            self.process = subprocess.Popen([*command, *options])
             self._await(lambda: bool(select.select([server], [], [], _PERIOD_S)[0]), "connected to no pins")
             self._pins, _ = server.accept()
         self._tell_pins()  # before the first request can ask for them
