@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jammkle_sim.physics.constants import Fibre, tendon_parameters
-from jammkle_sim.physics.tendon import Tendon, slip_elements
+from jammkle_sim.physics.tendon import slip_elements
+from studies.paper.reference import Tendon
 from studies.paper.tables import is_reproduced
 
 DT_S = 0.0005

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_sim.physics import kernels
 from jammkle_sim.physics.constants import Fibre, of_fibre
-from jammkle_sim.physics.tendon import Tendon, force_table_n
+from jammkle_sim.physics.tendon import force_table_n, relaxed_state, tendon_law
 from studies.paper.shear_lag import PRINTED_FRICTION, ShearLagOptions, ShearLagTendon
 from studies.paper.tables import TENSILE_ROWS
 
@@ -41,6 +42,41 @@ FIBRES = {"multi": Fibre.MULTI_MATERIAL, "a30": Fibre.SHORE_A30, "a85": Fibre.SH
 NO_MEMBRANE_ROW, *FITTED_ROWS = TENSILE_ROWS
 """The bundle without its membrane, which is not fitted, as the law has no membrane where there is no vacuum; and the
 eight rows that are."""
+
+
+class Tendon:
+    """A tendon between two clamps, moved as one likes: what a tensile test does to it."""
+
+    def __init__(self, parameters: TendonParameters, timestep_s: float) -> None:
+        """Make a relaxed tendon at its free length.
+
+        Args:
+            parameters: The tendon.
+            timestep_s: Time between two entries of a history, s.
+
+        """
+        self._law = tendon_law(parameters, timestep_s)
+        self._state = relaxed_state(self._law, 0.0)
+
+    @property
+    def broken(self) -> bool:
+        """True for good once it was stretched to its break extension."""
+        return bool(self._state["broken"][0] > 0.0)
+
+    def follow(self, extension_m: NDArray[np.float64], vacuum_pa: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Go through a history, one entry per time step, and return the tension at each.
+
+        Args:
+            extension_m: Length beyond the free length, shape (n,), m.
+            vacuum_pa: Pressure below ambient, shape (n,), Pa, 0 or more.
+
+        Returns:
+            Tension, shape (n,), N, never negative.
+
+        """
+        tension_n = np.zeros(len(extension_m))
+        kernels.tendon_history(self._law, self._state, extension_m, vacuum_pa, tension_n)
+        return tension_n
 
 
 def row_peak_n(parameters: TendonParameters, row: PaperRow) -> float:

@@ -1,4 +1,4 @@
-"""One jamming tendon: constants packed for the compiled law, and a tendon on its own for tests and tensile rigs.
+"""One jamming tendon: constants packed for the compiled law, and its relaxed state.
 
     F = max(0, (1 + beta p / 50 kPa) Q[F0](x) + sum T_i + a_m p min(x / x_m, 1))    while x > 0, else 0
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jammkle_sim.physics import kernels, records
+from jammkle_sim.physics import records
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -160,38 +160,3 @@ def relaxed_state(law: NDArray[Any], extension_m: float) -> NDArray[Any]:
     state["slider_m"] = stretched_m
     state["stretched_m"] = stretched_m
     return state
-
-
-class Tendon:
-    """A tendon between two clamps, moved as one likes: what a tensile test does to it."""
-
-    def __init__(self, parameters: TendonParameters, timestep_s: float) -> None:
-        """Make a relaxed tendon at its free length.
-
-        Args:
-            parameters: The tendon.
-            timestep_s: Time between two entries of a history, s.
-
-        """
-        self._law = tendon_law(parameters, timestep_s)
-        self._state = relaxed_state(self._law, 0.0)
-
-    @property
-    def broken(self) -> bool:
-        """True for good once it was stretched to its break extension."""
-        return bool(self._state["broken"][0] > 0.0)
-
-    def follow(self, extension_m: NDArray[np.float64], vacuum_pa: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Go through a history, one entry per time step, and return the tension at each.
-
-        Args:
-            extension_m: Length beyond the free length, shape (n,), m.
-            vacuum_pa: Pressure below ambient, shape (n,), Pa, 0 or more.
-
-        Returns:
-            Tension, shape (n,), N, never negative.
-
-        """
-        tension_n = np.zeros(len(extension_m))
-        kernels.tendon_history(self._law, self._state, extension_m, vacuum_pa, tension_n)
-        return tension_n

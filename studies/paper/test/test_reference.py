@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from jammkle_sim.physics.constants import TENDON_SETS, Fibre, tendon_parameters
-from jammkle_sim.physics.tendon import Tendon
-from studies.paper.reference import VACUUMS_PA, compare, cycle_m, fast_tension_n, rms_n, with_fitted_friction
+from studies.paper.reference import VACUUMS_PA, Tendon, compare, cycle_m, fast_tension_n, rms_n, with_fitted_friction
 
 
 @pytest.mark.parametrize(("name", "rms", "worst"), [("fitted", 0.4, 1.5), ("as_printed", 0.8, 2.5)])
