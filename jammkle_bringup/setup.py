@@ -42,7 +42,6 @@ setup(
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("demo", "exercise")),
             *(f"{verb} = jammkle_bringup.commands:app" for verb in ("info", "recover", "export", "plot", "rename")),
         ],
-        "jammkle.landing": ["record = jammkle_bringup.demo:record_landing"],
         "jammkle.exercise": [
             "record = jammkle_bringup.exercise:exercise",
             "is_simulated = jammkle_bringup.exercise:is_simulated",

@@ -25,7 +25,7 @@ from jammkle_sim.parameters import SimParameters
 
 if TYPE_CHECKING:
     import datetime as dt
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from typing import TextIO
 
     from jammkle_bringup.core.landing import RunSummary
@@ -84,7 +84,7 @@ def demo(
     """
     say("a simulated ankle is dropped onto a slope of 40 degrees, recorded, and diagnosed; this takes half a minute")
     with tempfile.TemporaryDirectory() as scratch:
-        options = _options(namespace, {}, hidden.effects_file, Path(scratch), asked_to_stop)
+        options = _options(namespace, hidden.effects_file, Path(scratch), asked_to_stop)
         folder = make_folder()
         bag = folder / "bag"
         with (folder / "graph.log").open("w", encoding="utf-8") as log:
@@ -154,36 +154,14 @@ def land(options: GraphOptions, log: TextIO, asked_to_stop: Callable[[], bool]) 
         return supervisor.stop()
 
 
-def record_landing(
-    of_sim: Mapping[str, ParameterValue], effects: str, bag: Path, asked_to_stop: Callable[[], bool]
-) -> None:
-    """Land once in a graph without a namespace, with a text as effects file if there is one, and record everything.
-
-    Raises:
-        InputError: a graph is already up.
-        GraphError: the graph did not start, or not stop, as it should.
-        Interrupted: asked to stop.
-
-    """
-    with tempfile.TemporaryDirectory() as scratch:
-        options = _options("/", of_sim, effects, Path(scratch), asked_to_stop)
-        with (Path(scratch) / "graph.log").open("w+", encoding="utf-8") as log:
-            bad = land(replace(options, bag=bag), log, asked_to_stop)
-            if bad:
-                msg = f"the graph did not stop well while a case was recorded: {bad[0]}"
-                raise GraphError(msg)
-
-
-def _options(
-    namespace: str, of_sim: Mapping[str, ParameterValue], effects: str, scratch: Path, asked_to_stop: Callable[[], bool]
-) -> GraphOptions:
+def _options(namespace: str, effects: str, scratch: Path, asked_to_stop: Callable[[], bool]) -> GraphOptions:
     """Return the options of a graph that stands paused, beside others; the content of an effects file goes to a folder.
 
     Raises:
         InputError: a graph is already up.
 
     """
-    values: dict[str, ParameterValue] = {**of_sim, "start_paused": True}
+    values: dict[str, ParameterValue] = {"start_paused": True}
     if effects:
         file = scratch / "effects.yaml"
         file.write_text(effects, encoding="utf-8")

@@ -23,8 +23,6 @@ from jammkle_gap.ankle.alignment import (
     falls_of_slide,
     jolt_s,
     onset_s,
-    release_s,
-    touch_down_s,
     touch_downs_s,
 )
 from jammkle_gap.ankle.bag import Bag, Samples
@@ -76,10 +74,10 @@ def test_a_poor_imu_sees_the_touch_down_to_its_sample(case: int, seed: int, ever
     time_s, force = imu_of(case)
     begin = seed % every
     read = worn(force, seed, 0.5, 3.0, 20.0, STANDARD_GRAVITY_M_S2)[begin::every]
-    found_s = touch_down_s(time_s[begin::every], read)
+    found_s = falls_of_imu(time_s[begin::every], read)[0].touch_down_s
     assert found_s is not None
     # A weak first touch may lie between two samples of 10 ms: the next one then shows it.
-    assert found_s == pytest.approx(touch_down_s(time_s, force), abs=0.001 * (1.2 * every + 0.5))
+    assert found_s == pytest.approx(falls_of_imu(time_s, force)[0].touch_down_s, abs=0.001 * (1.2 * every + 0.5))
 
 
 @settings(max_examples=20, deadline=None)
@@ -87,8 +85,8 @@ def test_a_poor_imu_sees_the_touch_down_to_its_sample(case: int, seed: int, ever
 def test_events_move_with_the_clock(case: int, later_s: float) -> None:
     """Shifting the time of a run shifts what is found by as much."""
     time_s, force = imu_of(case)
-    for event in (touch_down_s, release_s):
-        here_s, there_s = event(time_s, force), event(time_s + later_s, force)
+    here, there = falls_of_imu(time_s, force)[0], falls_of_imu(time_s + later_s, force)[0]
+    for here_s, there_s in ((here.touch_down_s, there.touch_down_s), (here.release_s, there.release_s)):
         assert here_s is not None
         assert there_s == pytest.approx(here_s + later_s, abs=1e-6)
 
@@ -128,7 +126,7 @@ def test_every_touch_down_of_a_bouncing_leg_is_found() -> None:
     assert len(bottoms_s) == 2
     for touched_s, bottom_s in zip(found, bottoms_s, strict=False):
         assert 0.0 < bottom_s - touched_s < 0.008
-    assert touch_down_s(samples.stamp_s, force) == found[0]
+    assert falls_of_imu(samples.stamp_s, force)[0].touch_down_s == found[0]
     still = np.tile(force[0], (len(force), 1))
     assert touch_downs_s(samples.stamp_s, still) == ()
 

@@ -14,8 +14,6 @@ COMMANDS = "jammkle.commands"
 """A Typer app each, with a command or a group of the entry point's name in it."""
 EFFECTS_FILE = "jammkle.effects_file"
 """`load`: takes the path of an effects file and returns what it does to a rig (`jammkle_sim.rigs.rig`)."""
-LANDING = "jammkle.landing"
-"""`record`: has the graph land once and records it (`jammkle_bringup.demo.record_landing`)."""
 EXERCISE = "jammkle.exercise"
 """`record`: takes a live robot through exercises and records each; `is_simulated`: whether it is a simulated one
 (`jammkle_bringup.exercise`)."""

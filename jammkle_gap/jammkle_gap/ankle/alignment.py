@@ -89,18 +89,6 @@ class Fall:
         return None if self.release_s is None or self.touch_down_s is None else self.touch_down_s - self.release_s
 
 
-def touch_down_s(time_s: Floats, specific_force_m_s2: Floats) -> float | None:
-    """Return when a body that was let go touched down, s; None if it was not. See `falls_of_imu`."""
-    falls = falls_of_imu(time_s, specific_force_m_s2)
-    return falls[0].touch_down_s if falls else None
-
-
-def release_s(time_s: Floats, specific_force_m_s2: Floats) -> float | None:
-    """Return when a body was let go, s; None if it was not. See `falls_of_imu`."""
-    falls = falls_of_imu(time_s, specific_force_m_s2)
-    return falls[0].release_s if falls else None
-
-
 def touch_downs_s(time_s: Floats, specific_force_m_s2: Floats) -> tuple[float, ...]:
     """Return when a body that was let go touched down, and again after each flight of a bounce, s; see `falls_of_imu`.
 
