@@ -68,7 +68,7 @@ faults: extras
 	@PYTHONPATH=test $(BIN)/python -m studies.faults --seed 4000 --hours 0.5 --page studies/faults/README.md
 
 soak: extras
-	@$(BIN)/python -m studies.faults.busy --suite
+	@PYTHONPATH=test $(BIN)/python -m studies.faults.busy --suite
 	@PYTHONPATH=test $(BIN)/python -m studies.faults.soak
 	@PYTHONPATH=test $(BIN)/python -m studies.faults.board_soak
 	@$(FIRMWARE) fuzz

@@ -11,8 +11,8 @@ from processes import Processes
 from board_bench import BoardBench
 from board_client import Client
 from boards import board_command
+from domains import own_domain
 from graph import Probe, Up
-from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

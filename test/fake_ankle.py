@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_srvs.srv import Trigger
 
+from domains import own_domain
 from driver_graph import Graph, Onlooker
 from jammkle_common import names
 from jammkle_common.names import ACHILLES
-from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from rclpy.signals import SignalHandlerOptions
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
+from domains import own_domain
 from jammkle_common.names import CHANNELS, CLOCK, DIAGNOSTICS, JAM, JAM_STATE, STEP, Service, Topic
 from jammkle_common.qos import publisher_qos, subscriber_qos
-from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import ChannelJamState, Fault
 
 if TYPE_CHECKING:

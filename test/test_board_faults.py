@@ -12,6 +12,7 @@ from faulty_plant import FaultyPlant
 
 from board_scene import Scene, all_off
 from boards import AVR
+from domains import own_domain
 from jammkle_common.names import (
     ACHILLES,
     CHANNELS,
@@ -22,7 +23,6 @@ from jammkle_common.names import (
     PERONEAL_RIGHT,
     UNJAM_ALL,
 )
-from jammkle_common.testing import own_domain
 from jammkle_driver.fake import FakeFault
 from jammkle_msgs.msg import ChannelJamState, Fault
 from jammkle_sim.physics.pneumatics import MANIFOLD

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 
+from domains import own_domain
 from graph import Up
 from jammkle_common.names import (
     CHANNELS,
@@ -24,7 +25,6 @@ from jammkle_common.names import (
     SIMULATOR_GAP,
     TOPICS,
 )
-from jammkle_common.testing import own_domain
 from jammkle_gap import Verdict
 from jammkle_gap.report.words import VERDICTS
 

@@ -70,10 +70,9 @@ def test_the_wheel_asks_for_all_that_it_imports() -> None:
     known = packages_distributions()
     for package in PACKAGES:
         for path in (ROOT / package).glob("jammkle_*/**/*.py"):
-            if path.name != "testing.py":  # what only tests need
-                for name in foreign_imports(path):
-                    owners = {BROUGHT.get(name), *(each.lower() for each in known[name])}
-                    assert owners & asked, f"{path.relative_to(ROOT)} imports {name}"
+            for name in foreign_imports(path):
+                owners = {BROUGHT.get(name), *(each.lower() for each in known[name])}
+                assert owners & asked, f"{path.relative_to(ROOT)} imports {name}"
 
 
 def foreign_imports(path: Path) -> set[str]:

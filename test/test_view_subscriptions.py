@@ -10,10 +10,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from domains import wait_until
 from jammkle_common import names
 from jammkle_common.diagnostics import FAREWELL
 from jammkle_common.qos import publisher_qos
-from jammkle_common.testing import wait_until
 from jammkle_msgs.msg import ChannelJamState, JamState
 from jammkle_view.core.samples import ChannelState
 from jammkle_view.node import ViewerNode

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 from browser import NO_CHROMIUM, Browser, chromium, wait_until
+from domains import own_domain
 from graph import Up
-from jammkle_common.testing import own_domain
 from readme_tables import DOCS
 
 if TYPE_CHECKING:

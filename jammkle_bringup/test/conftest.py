@@ -8,9 +8,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from domains import own_domain
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.writing import bag_delivery
-from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -27,13 +27,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
+from domains import wait_until
 from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder, TimeSource
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_common.runner import StopFlag
-from jammkle_common.testing import wait_until
 from jammkle_msgs.msg import ChannelJamState, JamState
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from domains import wait_until
 from jammkle_bringup.core import supervisor as supervisor_module
 from jammkle_bringup.core.supervisor import ChildSpec, Supervisor
-from jammkle_common.testing import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

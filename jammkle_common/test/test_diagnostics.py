@@ -14,13 +14,13 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
+from domains import own_domain, wait_until
 from jammkle_common import diagnostics
 from jammkle_common.diagnostics import DiagnosticsPublisher
 from jammkle_common.lockstep import LockstepNode
 from jammkle_common.messages import Health, Level
 from jammkle_common.names import CLOCK, LOCKSTEP
 from jammkle_common.qos import answer_qos, publisher_qos
-from jammkle_common.testing import own_domain, wait_until
 from jammkle_msgs.msg import ChannelJamCommand, JamCommand
 
 if TYPE_CHECKING:

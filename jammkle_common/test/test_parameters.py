@@ -12,8 +12,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from domains import own_domain
 from jammkle_common.parameters import ParameterError, declare, from_mapping, on_change, parameter, rows
-from jammkle_common.testing import own_domain
 
 
 @dataclass(frozen=True)

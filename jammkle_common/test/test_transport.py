@@ -13,8 +13,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from domains import own_domain
 from jammkle_common.processes import talk_by_udp
-from jammkle_common.testing import own_domain
 
 WANTED_BYTES = 4 * 2**20
 

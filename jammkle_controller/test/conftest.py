@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from controller_bench import GRAVITY_M_S2, Bench
 
-from jammkle_common.testing import own_domain
+from domains import own_domain
 from jammkle_controller.core.controller import AnkleController
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.parameters import ControllerParameters

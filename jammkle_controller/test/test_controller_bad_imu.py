@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from conftest import Streams
-
     from jammkle_controller.core.imu import ImuSample
 
 HELD = dict.fromkeys(CHANNELS, ControllerParameters().hold_vacuum_pa)

@@ -27,9 +27,9 @@ from jammkle_msgs.msg import ChannelJamState, ContactState, JamState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from conftest import Streams
     from controller_bench import Bench
 
+    from conftest import Streams
     from jammkle_controller.core.imu import ImuSample
 
 MOUNTS = ("foot", "shank", "body")

@@ -18,9 +18,9 @@ from jammkle_controller.parameters import ControllerParameters
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from conftest import Streams
     from numpy.typing import NDArray
 
+    from conftest import Streams
     from jammkle_controller.core.events import ContactEvent
 
 HZ = 10_000  # of the true motion

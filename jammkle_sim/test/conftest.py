@@ -13,8 +13,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
+from domains import own_domain
 from jammkle_common import names
-from jammkle_common.testing import own_domain
 from jammkle_msgs.srv import Step
 from jammkle_sim.kinds import RIG
 from jammkle_sim.node import SimNode

@@ -21,9 +21,9 @@ from faulty_plant import FaultyPlant
 
 from board_scene import EVENTS, Scene, all_off, repair
 from boards import board_command
+from domains import own_domain
 from fault_bench import PLACED
 from jammkle_common.names import CHANNELS, JAM_ALL, JAM_STATE, UNJAM_ALL
-from jammkle_common.testing import own_domain
 from jammkle_msgs.msg import Fault
 from studies.faults.trial import drawn_fault
 

@@ -1,6 +1,6 @@
 """`make soak`, its busy part: demos, graph tests and the whole suite beside four busy loops of plain Python.
 
-    python -m studies.faults.busy --demos 20 --graph-tests 10 --suite
+    PYTHONPATH=test python -m studies.faults.busy --demos 20 --graph-tests 10 --suite
 
 Every demo of one seed must end with 0 and with the same verdict; every test must pass.
 """
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jammkle_common.testing import own_domain
+from domains import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

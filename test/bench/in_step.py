@@ -14,11 +14,11 @@ from pathlib import Path
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
+from domains import own_domain
 from echo import ECHO, ECHO_TOPIC, MARK
 from graph import Probe, Up, cpu_s, running
 from jammkle_common.names import ACTUATOR_STATES, CLOCK, IMU, JAM_COMMAND, SET_PAUSED
 from jammkle_common.qos import publisher_qos
-from jammkle_common.testing import own_domain
 
 MEASURED_S = 8.0
 RELAYS = 1000

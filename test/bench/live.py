@@ -15,8 +15,8 @@ import psutil
 import typer
 
 from delay import measure_delays
+from domains import own_domain
 from graph import Probe, Up, cpu_s
-from jammkle_common.testing import own_domain
 from watched import ROBOT, real_time_factor
 
 IMU_RATE_HZ = 1000

@@ -17,7 +17,7 @@ from start_up import StartUp, measure_start_up
 
 from delay import Delays, measure_delays
 from diagnosis import GapDiagnosis, measure_diagnosis
-from jammkle_common.testing import own_domain
+from domains import own_domain
 from line import LineDelays, measure_line
 from load import Load, measure_load
 from memory import Memory, measure_memory

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from board_scene import EVENTS, Scene, all_off, repair
 from boards import board_command
-from jammkle_common.testing import own_domain
+from domains import own_domain
 
 ROUNDS = 7
 STALE = "commands stale (last jam_command)"

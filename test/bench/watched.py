@@ -14,10 +14,10 @@ import psutil
 from page_client import PageClient
 from rosgraph_msgs.msg import Clock
 
+from domains import own_domain
 from graph import Probe, Up, cpu_s
 from jammkle_common.names import CLOCK
 from jammkle_common.qos import subscriber_qos
-from jammkle_common.testing import own_domain
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,8 +10,8 @@ import pytest
 from controller_bench import Bench
 from sensor_msgs.msg import Imu
 
+from domains import own_domain
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
-from jammkle_common.testing import own_domain
 from jammkle_controller.core.events import Contact, ContactKind, Source
 from jammkle_controller.core.imu import ImuSample
 from jammkle_controller.core.inputs import AnkleAngles, Input

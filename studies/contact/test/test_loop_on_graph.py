@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.highlevel import AnyReader
 
+from domains import own_domain
 from graph import Probe, Up
 from jammkle_common import names
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
-from jammkle_common.testing import own_domain
 from jammkle_controller.core.landing import RATED_KG
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_driver.parameters import DriverParameters
