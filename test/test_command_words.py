@@ -10,7 +10,7 @@ import pytest
 from command_tree import kind, long_name, options, subcommands
 
 from jammkle_common.command.main import main
-from jammkle_common.parameters import RENAMED, TYPED_UNITS, parameter_of
+from jammkle_common.parameters import RENAMED, TYPED_UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,11 +64,12 @@ def test_paths_say_what_they_lead_to() -> None:
 
 def old_spellings() -> list[tuple[str, str, str]]:
     """Subcommand, old and new spelling of everything that was typed in SI or has another name now."""
-    ends = {unit.typed_end.replace("_", "-") for unit in TYPED_UNITS}
+    ends = [(unit.typed_end.replace("_", "-"), unit.si_end.replace("_", "-")) for unit in TYPED_UNITS]
     found = [
-        (words, f"--{parameter_of(name.removeprefix('--')).replace('_', '-')}", name)
+        (words, name.removesuffix(typed_end) + si_end, name)
         for words, name in ((words, long_name(option)) for words, option in every_option())
-        if any(name.endswith(end) for end in ends)
+        for typed_end, si_end in ends
+        if name.endswith(typed_end)
     ]
     return found + [(words, old, new) for words, names in RENAMED.items() for old, new in names.items()]
 

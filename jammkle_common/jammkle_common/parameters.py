@@ -390,15 +390,6 @@ def typed_value(parameter: str, value: Value) -> Value:
     return _scaled(value, -unit.exponent) if unit and isinstance(value, (int, float)) else value
 
 
-def parameter_of(typed: str) -> str:
-    """Return the parameter that a typed name stands for: `vacuum_pa` for `vacuum-kpa`."""
-    name = typed.replace("-", "_")
-    for unit in TYPED_UNITS:
-        if name.endswith(unit.typed_end):
-            return name.removesuffix(unit.typed_end) + unit.si_end
-    return name
-
-
 def typed(parameter: str, value: float) -> str:
     """Return an option and what to give for it, for a sentence: `--drop-height-mm of 30` for 0.03 m."""
     return f"{option_name(parameter)} of {typed_value(parameter, value):g}"

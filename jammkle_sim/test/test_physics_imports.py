@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 SCRIPT = """
 import os, sys
 sys.modules["rclpy"] = None
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
-landing_simulation(LandingOptions()).advance(10)
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
+from jammkle_sim.rigs.simulation import Simulation
+Simulation(landing_built(LandingOptions())).advance(10)
 assert "MUJOCO_GL" not in os.environ, "MUJOCO_GL was left behind for child processes"
 graphics = ("glfw", "opengl", "mujoco.egl", "osmesa")
 loaded = sorted(name for name in sys.modules if any(word in name.lower() for word in graphics))

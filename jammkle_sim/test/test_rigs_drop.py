@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import re
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_common.parameters import from_mapping, in_si, parameter_of
+from jammkle_common.parameters import from_mapping, in_si, typed_name
 from jammkle_sim.physics.feet import JAMMED, RIGID_ANKLE, SQUASH_BALL, STANDARD, UNJAMMED, SquashBallParameters
 from jammkle_sim.rigs.catalogue import run_rig, scattered
 from jammkle_sim.rigs.drop import FEET, DropOptions
@@ -113,8 +114,9 @@ def test_a_ball_pressed_flat_ends_the_run_with_a_way_out(mass_kg: float, height_
     assert "\n" not in line
     ways = re.findall(r"--([a-z-]+) of ([\d.]+)", line)
     assert ways
+    names = {typed_name(field.name): field.name for field in dataclasses.fields(DropOptions)}
     for typed, value in ways:
-        name = parameter_of(typed)
+        name = names[typed]
         drop(**{"foot": SQUASH_BALL, "mass_kg": mass_kg, "drop_height_m": height_m, name: in_si(name, float(value))})
 
 

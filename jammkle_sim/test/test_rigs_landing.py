@@ -13,7 +13,8 @@ from jammkle_common.constants import STANDARD_ATMOSPHERE_PA, STANDARD_GRAVITY_M_
 from jammkle_common.names import CHANNELS, TENDONS
 from jammkle_common.parameters import ParameterError
 from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
+from jammkle_sim.rigs.options import checked
 from jammkle_sim.rigs.simulation import Simulation, UnstableSimulationError
 
 RELEASE_S = 0.6
@@ -56,7 +57,7 @@ def jam(simulation: Simulation, vacuum_pa: float) -> None:
 
 def land(options: LandingOptions, duration_s: float, vacuum_pa: float = 0.0) -> Record:
     """Run a landing and record every step."""
-    simulation = landing_simulation(options)
+    simulation = Simulation(landing_built(options))
     rows = []
     for _ in range(round(duration_s / options.timestep_s)):
         if vacuum_pa > 0.0:
@@ -167,7 +168,7 @@ def test_a_landing_from_a_little_higher_is_another_by_a_little() -> None:
 
 def test_same_seed_same_bytes_however_it_is_cut() -> None:
     """Two runs of a seed agree to the last bit, in one piece or step by step, read often or once."""
-    whole, pieces = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
+    whole, pieces = Simulation(landing_built(OPTIONS)), Simulation(landing_built(OPTIONS))
     whole.ankle.set_pump_duty(1.0)
     pieces.ankle.set_pump_duty(1.0)
     whole.advance(1500)
@@ -180,7 +181,7 @@ def test_same_seed_same_bytes_however_it_is_cut() -> None:
 
 def test_another_seed_changes_noise_only() -> None:
     """Another seed gives other readings of the same motion."""
-    one, other = landing_simulation(OPTIONS), landing_simulation(dataclasses.replace(OPTIONS, seed=1))
+    one, other = Simulation(landing_built(OPTIONS)), Simulation(landing_built(dataclasses.replace(OPTIONS, seed=1)))
     one.advance(1400)
     other.advance(1400)
     assert one.ankle.joint_positions() == other.ankle.joint_positions()
@@ -191,7 +192,7 @@ def test_another_seed_changes_noise_only() -> None:
 
 def test_reset_brings_the_same_run_back_while_time_goes_on() -> None:
     """After a reset in mid-landing, jammed, everything repeats bit by bit; the time is not set back."""
-    simulation = landing_simulation(OPTIONS)
+    simulation = Simulation(landing_built(OPTIONS))
     first = []
     for _ in range(14):
         simulation.advance(100)
@@ -211,7 +212,7 @@ def test_reset_brings_the_same_run_back_while_time_goes_on() -> None:
 
 def test_slow_path_does_the_same_as_the_compiled_one() -> None:
     """Where MuJoCo's library cannot be called directly, stepping from Python gives the same bytes."""
-    fast, slow = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
+    fast, slow = Simulation(landing_built(OPTIONS)), Simulation(landing_built(OPTIONS))
     slow._parts[0].body.addresses[0] = 0
     fast.advance(1500)
     slow.advance(1500)
@@ -220,7 +221,7 @@ def test_slow_path_does_the_same_as_the_compiled_one() -> None:
 
 def test_solenoids_pull_the_right_tendons_down() -> None:
     """Energising one channel lowers its pressure alone; releasing it brings it back."""
-    simulation = landing_simulation(OPTIONS)
+    simulation = Simulation(landing_built(OPTIONS))
     simulation.ankle.set_pump_duty(1.0)
     simulation.ankle.set_solenoid("achilles", energised=True)
     simulation.advance(800)
@@ -236,7 +237,7 @@ def test_solenoids_pull_the_right_tendons_down() -> None:
 @pytest.mark.parametrize("advance_in_python", [False, True])
 def test_blow_up_is_reported_with_what_was_simulated(*, advance_in_python: bool) -> None:
     """A state beyond all bounds raises one line with rig, options, time and speed; a reset makes it whole again."""
-    simulation = landing_simulation(dataclasses.replace(OPTIONS, slope_deg=45.0))
+    simulation = Simulation(landing_built(dataclasses.replace(OPTIONS, slope_deg=45.0)))
     if advance_in_python:
         simulation._parts[0].body.addresses[:] = 0
     simulation.advance(10)
@@ -269,12 +270,12 @@ def test_blow_up_is_reported_with_what_was_simulated(*, advance_in_python: bool)
 def test_bad_options_are_named(name: str, value: object, words: str) -> None:
     """An option out of range is refused with its name, its value and what would be right."""
     with pytest.raises(ParameterError, match=words):
-        landing_simulation(dataclasses.replace(OPTIONS, **{name: value}))
+        checked(dataclasses.replace(OPTIONS, **{name: value}))
 
 
 def test_bad_commands_are_named_and_change_nothing() -> None:
     """A duty out of range, an unknown channel or a negative step count is refused; the run is not disturbed."""
-    simulation, untouched = landing_simulation(OPTIONS), landing_simulation(OPTIONS)
+    simulation, untouched = Simulation(landing_built(OPTIONS)), Simulation(landing_built(OPTIONS))
     for duty in (1.5, -0.1, float("nan")):
         with pytest.raises(ValueError, match="it must be 0 to 1"):
             simulation.ankle.set_pump_duty(duty)
@@ -290,7 +291,7 @@ def test_bad_commands_are_named_and_change_nothing() -> None:
 @pytest.mark.parametrize("parameter_set", ["fitted", "as_printed"])
 def test_description_says_everything_in_plain_types(parameter_set: str) -> None:
     """Rig, options and every constant are in the description, and it can be written as text."""
-    description = landing_simulation(dataclasses.replace(OPTIONS, parameter_set=parameter_set)).machine.description()
+    description = landing_built(dataclasses.replace(OPTIONS, parameter_set=parameter_set)).description()
     text = json.dumps(description)
     assert description["rig"] == "landing"
     for word in (parameter_set, "slope_deg", "c1_pa", "pump_free_flow_l_min", "achilles_arm_m", "imu_bandwidth_hz"):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from jammkle_common.parameters import ParameterError, from_mapping, in_si, parameter_of, rows
+from jammkle_common.parameters import ParameterError, from_mapping, in_si, rows, typed_name
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs import slip
 from jammkle_sim.rigs.catalogue import run_rig, scattered
@@ -39,9 +39,9 @@ ADVICE = r"([a-z][a-z-]*) of (\d[\d.]*)"
 def advised(line: str) -> list[dict[str, float]]:
     """Every way out that an error names, as options."""
     ways = line.split(": give ")[1].split(" or --")
+    names = {typed_name(field.name): field.name for field in dataclasses.fields(SlipOptions)}
     return [
-        {parameter_of(name): in_si(parameter_of(name), float(value)) for name, value in re.findall(ADVICE, way)}
-        for way in ways
+        {names[typed]: in_si(names[typed], float(value)) for typed, value in re.findall(ADVICE, way)} for way in ways
     ]
 
 

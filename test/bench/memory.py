@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import psutil
 
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
+from jammkle_sim.rigs.simulation import Simulation
 
 MINUTES = 10
 STEPS_PER_SAMPLE = 4
@@ -29,7 +30,7 @@ class Memory:
 
 def measure_memory() -> Memory:
     """Simulate a minute to warm up and ten to measure, reading every sensor as the sim node does."""
-    simulation = landing_simulation(LandingOptions())
+    simulation = Simulation(landing_built(LandingOptions()))
     process = psutil.Process()
 
     def minutes(number: int) -> None:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import mujoco
 
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
+from jammkle_sim.rigs.simulation import Simulation
 
 ROUNDS = 15
 SIMULATED_S = 2.0
@@ -34,7 +35,7 @@ def measure_steps() -> StepRates:
 
     The bare run is `mj_step` with `nstep`: a loop in C that never returns to Python, the fastest there is.
     """
-    simulation = landing_simulation(LandingOptions(release_time_s=0.0))
+    simulation = Simulation(landing_built(LandingOptions(release_time_s=0.0)))
     simulation.ankle.set_pump_duty(1.0)
     simulation.ankle.set_solenoid("achilles", energised=True)
     steps = round(SIMULATED_S / simulation.timestep_s)

@@ -12,7 +12,6 @@ from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.rigs.model import add_slope, ankle_under_carriage, new_spec, release, touch_down_height_m
 from jammkle_sim.rigs.options import (
-    checked,
     drop_height_option,
     jammed_vacuum_option,
     mass_option,
@@ -28,7 +27,6 @@ from jammkle_sim.rigs.options import (
 from jammkle_sim.rigs.recording import Series, peak_deceleration_m_s2, smoothed
 from jammkle_sim.rigs.rig import Event, Rig
 from jammkle_sim.rigs.run import LEG_TOPICS, Programme, RigKind
-from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.rigs.vacuum import VacuumStep, all_channels
 
 if TYPE_CHECKING:
@@ -47,19 +45,6 @@ class LandingOptions:
     parameter_set: str = parameter_set_option()
     seed: int = seed_option()
     timestep_s: float = timestep_option("a whole number of nanoseconds")
-
-
-def landing_simulation(options: LandingOptions) -> Simulation:
-    """Build the landing rig, ready to run.
-
-    Args:
-        options: What to land on, with what, from where.
-
-    Raises:
-        ParameterError: an option out of range.
-
-    """
-    return Simulation(landing_built(checked(options)))
 
 
 def landing_built(options: LandingOptions, ankle: AnkleParameters | None = None) -> Rig:

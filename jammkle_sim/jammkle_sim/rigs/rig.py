@@ -387,51 +387,27 @@ def imu_at_rest(law: NDArray[Any], raw: NDArray[np.float64]) -> NDArray[Any]:
 
 
 class Change(Protocol):
-    """What is done to a rig, or to an ankle of a robot."""
+    """What is done to a rig, or to an ankle of a robot; each refuses with an InputError what it cannot change."""
 
     @property
     def values(self) -> Mapping[str, float]:
         """What is changed, and by how much, by `effect.parameter`."""
 
-    def __call__(self, rig: Rig) -> Rig:
-        """Return a changed rig.
-
-        Raises:
-            InputError: this rig has not what is changed.
-
-        """
-
     @property
     def left_out(self) -> Sequence[str]:
         """Constants of the file that this change goes without, by `constant.parameter`."""
 
+    def __call__(self, rig: Rig) -> Rig:
+        """Return a changed rig."""
+
     def live(self) -> Change:
-        """Return what of it a live simulation can show: constants that only a recording shows are left out.
-
-        Raises:
-            InputError: an effect in it shows in a recording only.
-
-        """
+        """Return what of it a live simulation can show: constants that only a recording shows are left out."""
 
     def of_robots(self) -> Change:
-        """Return what of it an ankle of a robot can have: constants of bodies and of the ground are left out.
-
-        Raises:
-            InputError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
-
-        """
+        """Return what of it an ankle of a robot can have: constants of bodies and of the ground are left out."""
 
     def on_ankle(self, ankle: AnkleInModel, timestep_s: float) -> AnkleInModel:
-        """Return an ankle of a robot that is changed, the robot's own bodies as they are.
-
-        Args:
-            ankle: As it is.
-            timestep_s: Of the robot's model, s.
-
-        Raises:
-            InputError: an effect changes more than tendons, air, dry friction of the joint, and sensors.
-
-        """
+        """Return an ankle of a robot that is changed, the robot's own bodies as they are; its time step in s."""
 
 
 def load_change(file: Path) -> Change:

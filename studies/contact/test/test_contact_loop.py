@@ -21,8 +21,9 @@ from jammkle_controller.core.reading import Received
 from jammkle_controller.parameters import ControllerParameters
 from jammkle_controller.recordings import replay
 from jammkle_driver.parameters import DriverParameters
-from jammkle_sim.rigs.landing import LandingOptions, landing_simulation
+from jammkle_sim.rigs.landing import LandingOptions, landing_built
 from jammkle_sim.rigs.rig import FootPlan
+from jammkle_sim.rigs.simulation import Simulation
 from jammkle_sim.robots.catalogue import robot_simulation
 from jammkle_sim.robots.options import RobotOptions
 from studies.contact.loop import AnkleLoop
@@ -41,7 +42,7 @@ FLAT = {"hang_pitch_deg": 0.0, "reservoir_volume_m3": 0.0}
 
 def land(duration_s: float = 2.5) -> tuple[AnkleLoop, list[ImuSample]]:
     """Drop the landing rig with controller and driver around it; return them and what the IMU read."""
-    simulation = landing_simulation(LandingOptions(release_time_s=0.5))
+    simulation = Simulation(landing_built(LandingOptions(release_time_s=0.5)))
     loop = AnkleLoop(simulation.ankle, ControllerParameters(), tick_rate_hz=500)
     samples = []
     for _ in range(round(duration_s * 500)):
