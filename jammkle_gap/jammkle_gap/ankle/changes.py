@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common.names import ANKLE_JOINTS, CHANNELS, TENDONS_OF_CHANNEL
 from jammkle_gap.ankle.inputs import nominal_rig
@@ -30,90 +32,11 @@ if TYPE_CHECKING:
     from jammkle_gap.ankle.inputs import AnkleInputs
     from jammkle_sim.rigs.rig import Rig
 
+    InPlace = Callable[[Any, Mapping[str, float], str], None]
+    OfRig = Callable[[Rig, Mapping[str, float], str], Rig]
+
 VOLUMES = ("manifold", *CHANNELS)
 """Places of the laws' volumes, in order."""
-
-
-def leak(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Let air of the atmosphere into one volume, by `conductance_dm3_s_bar`."""
-
-    def change(law: Any) -> None:
-        law["leak_kg_s_pa"][VOLUMES.index(place)] += conductance_kg_s_pa(values["conductance_dm3_s_bar"])
-
-    return with_air(rig, change)
-
-
-def wear_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
-    """Scale free flow by `flow_scale`, and the vacuum at which the pump stops by `vacuum_scale`."""
-
-    def change(law: Any) -> None:
-        law["pump_free_flow_m3_s"] *= values["flow_scale"]
-        law["pump_ultimate_vacuum_pa"] *= values["vacuum_scale"]
-
-    return with_air(rig, change)
-
-
-def dead_time(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Make a channel's solenoid, or without a place all, slower by `extra_s`, though never quicker than at once."""
-    chosen = [CHANNELS.index(place)] if place else list(range(len(CHANNELS)))
-
-    def change(law: Any) -> None:
-        dead_times_s = law["valve_dead_time_s"]
-        dead_times_s[chosen] = np.maximum(dead_times_s[chosen] + values["extra_s"], 0.0)
-
-    return with_air(rig, change)
-
-
-def kink(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Scale the conductance of one channel's valve and tube by `conductance_scale`."""
-
-    def change(law: Any) -> None:
-        law["valve_kg_s_pa"][CHANNELS.index(place)] *= values["conductance_scale"]
-
-    return with_air(rig, change)
-
-
-def lengthen_hose(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Put `length_m` more hose between one channel's valve and its tendons: more air, less flow, and later."""
-    length_m, i, density_kg_m3 = values["length_m"], CHANNELS.index(place), REFERENCE_DENSITY_KG_M3
-
-    def change(law: Any) -> None:
-        law["volume_m3"][i + 1] += pneumatics.hose_volume_m3(length_m)
-        before_m3_s_pa = law["valve_kg_s_pa"][i] / density_kg_m3
-        law["valve_kg_s_pa"][i] = density_kg_m3 * pneumatics.conductance_behind_hose(before_m3_s_pa, length_m)
-        law["valve_dead_time_s"][i] += pneumatics.hose_travel_s(length_m)
-
-    return with_air(rig, change)
-
-
-def trap_volume(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Add `volume_m3` to one volume."""
-
-    def change(law: Any) -> None:
-        law["volume_m3"][VOLUMES.index(place)] += values["volume_m3"]
-
-    return with_air(rig, change)
-
-
-def offset_pressure(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
-    """Let one sensor read `offset_pa` too much."""
-    offsets = list(rig.wiring.pressure_offset_pa)
-    offsets[VOLUMES.index(place)] += values["offset_pa"]
-    return dataclasses.replace(rig, wiring=dataclasses.replace(rig.wiring, pressure_offset_pa=tuple(offsets)))
-
-
-def with_air(rig: Rig, change: Callable[[Any], None]) -> Rig:
-    """Return the rig with another law of the air.
-
-    Args:
-        rig: Not touched.
-        change: Changes its record of PNEUMATIC_LAW in place.
-
-    """
-    law = laws_of(rig).pneumatics.copy()
-    change(law[0])
-    law["substeps"] = stable_substeps(law)
-    return dataclasses.replace(rig, pneumatic_law=law)
 
 
 _GROUPS = {
@@ -121,6 +44,124 @@ _GROUPS = {
     "peroneal_pair": (*TENDONS_OF_CHANNEL["peroneal_left"], *TENDONS_OF_CHANNEL["peroneal_right"]),
 }
 """Places that are more than one tendon."""
+
+
+def with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
+    """Return the rig with other laws of some tendons.
+
+    Args:
+        rig: Not touched.
+        place: A tendon, or a pair; empty: all.
+        change: Changes a record of TENDON_LAW in place.
+
+    """
+    laws = rig.tendon_laws.copy()
+    chosen = _GROUPS.get(place, (place,)) if place else rig.tendon_names
+    for i, name in enumerate(rig.tendon_names):
+        if name in chosen:
+            change(laws[i])
+    return dataclasses.replace(rig, tendon_laws=laws)
+
+
+def _of_air(change: InPlace) -> OfRig:
+    """Make a change of a record of PNEUMATIC_LAW one of a rig."""
+
+    @functools.wraps(change)
+    def changed(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+        law = laws_of(rig).pneumatics.copy()
+        change(law[0], values, place)
+        law["substeps"] = stable_substeps(law)
+        return dataclasses.replace(rig, pneumatic_law=law)
+
+    return changed
+
+
+def _of_tendons(change: InPlace) -> OfRig:
+    """Make a change of a record of TENDON_LAW one of a rig: of a tendon, of a pair, or without a place of all."""
+
+    @functools.wraps(change)
+    def changed(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+        return with_tendons(rig, place, lambda law: change(law, values, place))
+
+    return changed
+
+
+def _of_imu(change: InPlace) -> OfRig:
+    """Make a change of a record of IMU_LAW one of a rig; MuJoCo's own limit, before turn and offset, is taken away."""
+
+    @functools.wraps(change)
+    def changed(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+        law = laws_of(rig).imu.copy()
+        change(law[0], values, place)
+        model, sensor = rig.model, rig.model.sensor(ACCELEROMETER).id
+        if model.sensor_cutoff[sensor] != 0.0:
+            model = copy.copy(model)
+            model.sensor_cutoff[sensor] = 0.0
+        return dataclasses.replace(rig, imu_law=law, model=model)
+
+    return changed
+
+
+def _of_model(change: InPlace) -> OfRig:
+    """Make a change of a mujoco.MjModel one of a rig."""
+
+    @functools.wraps(change)
+    def changed(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+        model = copy.copy(rig.model)
+        change(model, values, place)
+        return dataclasses.replace(rig, model=model)
+
+    return changed
+
+
+@_of_air
+def leak(law: Any, values: Mapping[str, float], place: str) -> None:
+    """Let air of the atmosphere into one volume, by `conductance_dm3_s_bar`."""
+    law["leak_kg_s_pa"][VOLUMES.index(place)] += conductance_kg_s_pa(values["conductance_dm3_s_bar"])
+
+
+@_of_air
+def wear_pump(law: Any, values: Mapping[str, float], _place: str) -> None:
+    """Scale free flow by `flow_scale`, and the vacuum at which the pump stops by `vacuum_scale`."""
+    law["pump_free_flow_m3_s"] *= values["flow_scale"]
+    law["pump_ultimate_vacuum_pa"] *= values["vacuum_scale"]
+
+
+@_of_air
+def dead_time(law: Any, values: Mapping[str, float], place: str) -> None:
+    """Make a channel's solenoid, or without a place all, slower by `extra_s`, though never quicker than at once."""
+    chosen = [CHANNELS.index(place)] if place else list(range(len(CHANNELS)))
+    dead_times_s = law["valve_dead_time_s"]
+    dead_times_s[chosen] = np.maximum(dead_times_s[chosen] + values["extra_s"], 0.0)
+
+
+@_of_air
+def kink(law: Any, values: Mapping[str, float], place: str) -> None:
+    """Scale the conductance of one channel's valve and tube by `conductance_scale`."""
+    law["valve_kg_s_pa"][CHANNELS.index(place)] *= values["conductance_scale"]
+
+
+@_of_air
+def lengthen_hose(law: Any, values: Mapping[str, float], place: str) -> None:
+    """Put `length_m` more hose between one channel's valve and its tendons: more air, less flow, and later."""
+    length_m, i, density_kg_m3 = values["length_m"], CHANNELS.index(place), REFERENCE_DENSITY_KG_M3
+    law["volume_m3"][i + 1] += pneumatics.hose_volume_m3(length_m)
+    before_m3_s_pa = law["valve_kg_s_pa"][i] / density_kg_m3
+    law["valve_kg_s_pa"][i] = density_kg_m3 * pneumatics.conductance_behind_hose(before_m3_s_pa, length_m)
+    law["valve_dead_time_s"][i] += pneumatics.hose_travel_s(length_m)
+
+
+@_of_air
+def trap_volume(law: Any, values: Mapping[str, float], place: str) -> None:
+    """Add `volume_m3` to one volume."""
+    law["volume_m3"][VOLUMES.index(place)] += values["volume_m3"]
+
+
+def offset_pressure(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+    """Let one sensor read `offset_pa` too much."""
+    offsets = list(rig.wiring.pressure_offset_pa)
+    offsets[VOLUMES.index(place)] += values["offset_pa"]
+    return _rewired(rig, pressure_offset_pa=tuple(offsets))
 
 
 def relax(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -142,62 +183,49 @@ def relax_times(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     return relax(rig, {"gain_scale": 1.0, **values}, place)
 
 
-def scale_friction(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def scale_friction(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the force at which jammed fibres slide, by `scale`."""
-    return _with_scaled_tendons(rig, "friction_yield_n_per_pa", values["scale"])
+    law["friction_yield_n_per_pa"] *= values["scale"]
 
 
-def scale_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def scale_stiffness(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the elastic force by `scale`."""
-    return _with_scaled_tendons(rig, "static_force_n", values["scale"])
+    law["static_force_n"] *= values["scale"]
 
 
-def stiffen_membrane(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def stiffen_membrane(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Put a spring of `stiffness_n_m` beside the fibres."""
     places = np.arange(records.TABLE_POINTS)
-
-    def change(law: Any) -> None:
-        law["static_force_n"] += values["stiffness_n_m"] * places * law["table_step_m"]
-
-    return with_tendons(rig, "", change)
+    law["static_force_n"] += values["stiffness_n_m"] * places * law["table_step_m"]
 
 
-def pretension(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+@_of_tendons
+def pretension(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Shorten the tendons by `extension_m`; below 0 they are slack. Their extension is still read from as drawn."""
-
-    def change(law: Any) -> None:
-        law["shorter_m"] += values["extension_m"]
-
-    return with_tendons(rig, place, change)
+    law["shorter_m"] += values["extension_m"]
 
 
-def soften(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def soften(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let the elastic force fall by up to `loss` as `travel_m` of stretching has been done since the start.
 
     A tendon that softens already does so further: in the end as one after the other, on the way as one with the mean
     of both travels, by loss. Assumed: the law has one travel.
     """
-
-    def change(law: Any) -> None:
-        loss, before = values["loss"], law["softening"]
-        if loss > 0.0:
-            travelled_m = before * law["softening_travel_m"] + loss * values["travel_m"]
-            law["softening_travel_m"] = travelled_m / (before + loss)
-            law["softening"] = 1.0 - (1.0 - before) * (1.0 - loss)
-
-    return with_tendons(rig, "", change)
+    loss, before = values["loss"], law["softening"]
+    if loss > 0.0:
+        travelled_m = before * law["softening_travel_m"] + loss * values["travel_m"]
+        law["softening_travel_m"] = travelled_m / (before + loss)
+        law["softening"] = 1.0 - (1.0 - before) * (1.0 - loss)
 
 
-def lose_fibres(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+@_of_tendons
+def lose_fibres(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Take the share `lost` of the fibres out: elastic force and friction fall, the membrane still grips."""
-    left = 1.0 - values["lost"]
-
-    def change(law: Any) -> None:
-        law["static_force_n"] *= left
-        law["friction_yield_n_per_pa"] *= left
-        law["friction_stiffness_n_m"] *= max(left, 1e-6)
-
-    return with_tendons(rig, place, change)
+    _leave_fibres(law, 1.0 - values["lost"])
 
 
 def scale_tendon(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -205,17 +233,17 @@ def scale_tendon(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
     return fail(rig, {"remaining": values["scale"]}, place)
 
 
-def fail(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+@_of_tendons
+def fail(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Leave the share `remaining` of everything that a tendon pulls with."""
-    left = values["remaining"]
+    _leave_fibres(law, values["remaining"])
+    law["grip_n_per_pa"] *= values["remaining"]
 
-    def change(law: Any) -> None:
-        law["static_force_n"] *= left
-        law["friction_yield_n_per_pa"] *= left
-        law["friction_stiffness_n_m"] *= max(left, 1e-6)
-        law["grip_n_per_pa"] *= left
 
-    return with_tendons(rig, place, change)
+def _leave_fibres(law: Any, share: float) -> None:
+    law["static_force_n"] *= share
+    law["friction_yield_n_per_pa"] *= share
+    law["friction_stiffness_n_m"] *= max(share, 1e-6)
 
 
 def branch_times_s(law: Any, step_s: float) -> NDArray[np.float64]:
@@ -224,44 +252,19 @@ def branch_times_s(law: Any, step_s: float) -> NDArray[np.float64]:
     return times_s
 
 
-def with_tendons(rig: Rig, place: str, change: Callable[[Any], None]) -> Rig:
-    """Return the rig with other laws of some tendons.
-
-    Args:
-        rig: Not touched.
-        place: A tendon, or a pair; empty: all.
-        change: Changes a record of TENDON_LAW in place.
-
-    """
-    laws = rig.tendon_laws.copy()
-    chosen = _GROUPS.get(place, (place,)) if place else rig.tendon_names
-    for i, name in enumerate(rig.tendon_names):
-        if name in chosen:
-            change(laws[i])
-    return dataclasses.replace(rig, tendon_laws=laws)
-
-
-def _with_scaled_tendons(rig: Rig, field: str, scale: float) -> Rig:
-    def change(law: Any) -> None:
-        law[field] *= scale
-
-    return with_tendons(rig, "", change)
-
-
 _LEAST_KG = 0.01
 """What a body keeps, kg, whatever is taken off it."""
 
 
-def add_payload(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def add_payload(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Add `mass_kg` to the carriage."""
-    model = copy.copy(rig.model)
     carriage = model.body("carriage").id
     before_kg = float(model.body_mass[carriage])
     after_kg = max(before_kg + values["mass_kg"], _LEAST_KG)
     model.body_mass[carriage] = after_kg
     model.body_inertia[carriage] *= after_kg / before_kg
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    return dataclasses.replace(rig, model=model)
 
 
 def rub_joint(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -282,29 +285,26 @@ def rub_joint(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     return dataclasses.replace(rig, model=model, joint_law=law)
 
 
-def rub_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def rub_floor(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the sliding friction of every contact by `scale`."""
-    model = copy.copy(rig.model)
     model.geom_friction[:, 0] *= values["scale"]
-    return dataclasses.replace(rig, model=model)
 
 
-def soften_floor(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def soften_floor(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Let floor or sole give by `give_m_n` more under each corner of the foot, and come back within `loss_s`."""
-    model = copy.copy(rig.model)
     soften_contact(model, Softening(values["give_m_n"], values["loss_s"]))
-    return dataclasses.replace(rig, model=model)
 
 
-def lose_play(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def lose_play(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let every tendon be stretched by `play_m` less: it only pulls, and so draws its pin to the end of the hole.
 
     Between one tendon and the one that pulls against it the joint then moves freely. Assumed: dry friction of the pin
     is small beside what tendons pull with.
     """
-    laws = rig.tendon_laws.copy()
-    laws["shorter_m"] -= values["play_m"]
-    return dataclasses.replace(rig, tendon_laws=laws)
+    law["shorter_m"] -= values["play_m"]
 
 
 def present(model: Any, joints: tuple[str, ...]) -> list[str]:
@@ -317,35 +317,29 @@ _ACCELERATION, _RATE = slice(0, 3), slice(3, 6)
 """Axes of the IMU."""
 
 
-def offset_imu(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_imu
+def offset_imu(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let the accelerometer read `x_m_s2`, `y_m_s2` and `z_m_s2` too much."""
-    return _with_imu(rig, lambda law: _add(law["offset"][_ACCELERATION], values, "m_s2"))
+    law["offset"][_ACCELERATION] += [values[f"{axis}_m_s2"] for axis in "xyz"]
 
 
-def offset_gyro(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_imu
+def offset_gyro(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let the gyro read `x_rad_s`, `y_rad_s` and `z_rad_s` too much."""
-    return _with_imu(rig, lambda law: _add(law["offset"][_RATE], values, "rad_s"))
+    law["offset"][_RATE] += [values[f"{axis}_rad_s"] for axis in "xyz"]
 
 
-def misalign_imu(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_imu
+def misalign_imu(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Turn the IMU on its mount by `roll_rad`, then `pitch_rad`, then `yaw_rad`, about the mount's axes."""
-    turn = np.eye(3)
-    for axis, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad")):
-        turn = _about(axis, values.get(name, 0.0)) @ turn
-
-    def change(law: Any) -> None:
-        law["turn"] = turn.T @ law["turn"]
-
-    return _with_imu(rig, change)
+    angles_rad = [values.get(name, 0.0) for name in ("roll_rad", "pitch_rad", "yaw_rad")]
+    law["turn"] = Rotation.from_euler("xyz", angles_rad).as_matrix().T @ law["turn"]
 
 
-def saturate_imu(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_imu
+def saturate_imu(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the range of the accelerometer by `range_scale`."""
-
-    def change(law: Any) -> None:
-        law["limit"][_ACCELERATION] *= values["range_scale"]
-
-    return _with_imu(rig, change)
+    law["limit"][_ACCELERATION] *= values["range_scale"]
 
 
 def scale_load_cell(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
@@ -392,34 +386,8 @@ def _later(rig: Rig, values: Mapping[str, float], *fields: str) -> Rig:
     return _rewired(rig, **{field: getattr(rig.wiring, field) + values["delay_s"] for field in fields})
 
 
-def _rewired(rig: Rig, **fields: float) -> Rig:
-    return dataclasses.replace(rig, wiring=dataclasses.replace(rig.wiring, **fields))  # type: ignore[arg-type]  # all of them are numbers
-
-
-def _with_imu(rig: Rig, change: Callable[[Any], None]) -> Rig:
-    """Change the IMU's law, and take MuJoCo's own limit away, which acts before turn and offset."""
-    law = laws_of(rig).imu.copy()
-    change(law[0])
-    sensor = rig.model.sensor(ACCELEROMETER).id
-    if rig.model.sensor_cutoff[sensor] == 0.0:
-        return dataclasses.replace(rig, imu_law=law)
-    model = copy.copy(rig.model)
-    model.sensor_cutoff[sensor] = 0.0
-    return dataclasses.replace(rig, imu_law=law, model=model)
-
-
-def _add(to: Any, values: Mapping[str, float], unit: str) -> None:
-    to += [values[f"{axis}_{unit}"] for axis in "xyz"]
-
-
-def _about(axis: int, angle_rad: float) -> Any:
-    """Return the matrix that turns a vector about an axis."""
-    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
-    turn[first, first] = turn[second, second] = cosine
-    turn[first, second], turn[second, first] = -sine, sine
-    return turn
+def _rewired(rig: Rig, **fields: Any) -> Rig:
+    return dataclasses.replace(rig, wiring=dataclasses.replace(rig.wiring, **fields))
 
 
 _PUMP = "pump"
@@ -525,82 +493,61 @@ _DECADES_S = {"3_ms": 0.003, "30_ms": 0.03, "300_ms": 0.3, "3_s": 3.0}
 """Times of the relaxation by place, a decade apart."""
 
 
-def scale_volume(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
+@_of_air
+def scale_volume(law: Any, values: Mapping[str, float], place: str) -> None:
     """Scale the air in one volume by `scale`."""
-
-    def change(law: Any) -> None:
-        law["volume_m3"][VOLUMES.index(place)] *= values["scale"]
-
-    return with_air(rig, change)
+    law["volume_m3"][VOLUMES.index(place)] *= values["scale"]
 
 
-def fill_pump(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_air
+def fill_pump(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Raise the exponent of the pump's filling by `extra`: 1 makes its mass flow fall in proportion to the vacuum."""
-
-    def change(law: Any) -> None:
-        law["pump_filling"] += values["extra"]
-
-    return with_air(rig, change)
+    law["pump_filling"] += values["extra"]
 
 
-def cross_over(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_air
+def cross_over(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let air past every valve that switches into the manifold for `extra_s` more."""
-
-    def change(law: Any) -> None:
-        law["valve_crossover_s"] += values["extra_s"]
-
-    return with_air(rig, change)
+    law["valve_crossover_s"] += values["extra_s"]
 
 
-def warm_manifold(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_air
+def warm_manifold(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let the manifold's air reach the temperature of its walls `later_s` later."""
-
-    def change(law: Any) -> None:
-        law["thermal_time_s"][0] += values["later_s"]
-
-    return with_air(rig, change)
+    law["thermal_time_s"][0] += values["later_s"]
 
 
-def warm_tendons(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_air
+def warm_tendons(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let the air of tendons and tubes reach the temperature of what surrounds it `later_s` later."""
-
-    def change(law: Any) -> None:
-        law["thermal_time_s"][1:] += values["later_s"]
-
-    return with_air(rig, change)
+    law["thermal_time_s"][1:] += values["later_s"]
 
 
-def widen_orifices(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_air
+def widen_orifices(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Raise the critical pressure ratio of every orifice by `extra`."""
-
-    def change(law: Any) -> None:
-        law["critical_ratio"] = min(max(law["critical_ratio"] + values["extra"], 0.0), 0.9 * law["linear_ratio"])
-
-    return with_air(rig, change)
+    law["critical_ratio"] = min(max(law["critical_ratio"] + values["extra"], 0.0), 0.9 * law["linear_ratio"])
 
 
-def scale_damping(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def scale_damping(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the viscous friction of the ankle's joint by `scale`."""
-    model = copy.copy(rig.model)
     for name in present(model, ANKLE_JOINTS):
         model.dof_damping[int(model.joint(name).dofadr[0])] *= values["scale"]
-    return dataclasses.replace(rig, model=model)
 
 
-def damp_contact(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def damp_contact(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the damping of every contact by `scale`."""
-    model = copy.copy(rig.model)
     soften_contact(model, Softening(damping=values["scale"]))
-    return dataclasses.replace(rig, model=model)
 
 
-def scale_contact_time(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_model
+def scale_contact_time(model: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the time constant of every contact by `scale`."""
-    model = copy.copy(rig.model)
     standard = model.geom_solref[:, 0] > 0.0
     model.geom_solref[standard, 0] *= values["scale"]
     model.geom_solref[~standard] /= [values["scale"] ** 2, values["scale"]]
-    return dataclasses.replace(rig, model=model)
 
 
 def scale_relaxation(rig: Rig, values: Mapping[str, float], place: str) -> Rig:
@@ -627,38 +574,35 @@ def creep(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
     return with_tendons(rig, "", change)
 
 
-def scale_friction_stiffness(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def scale_friction_stiffness(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the stiffness with which jammed fibres hold before they slide, by `scale`."""
-    return _with_scaled_tendons(rig, "friction_stiffness_n_m", values["scale"])
+    law["friction_stiffness_n_m"] *= values["scale"]
 
 
-def slip_early(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def slip_early(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Let contacts of jammed fibres slide one after the other to a `share`, where they slide together."""
-
-    def change(law: Any) -> None:
-        two = law["friction_stiffness_n_m"][-2:], law["friction_yield_n_per_pa"][-2:]
-        law["friction_stiffness_n_m"], law["friction_yield_n_per_pa"] = slip_elements(*two, values["share"])
-
-    return with_tendons(rig, "", change)
+    two = law["friction_stiffness_n_m"][-2:], law["friction_yield_n_per_pa"][-2:]
+    law["friction_stiffness_n_m"], law["friction_yield_n_per_pa"] = slip_elements(*two, values["share"])
 
 
-def shift_onset(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def shift_onset(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Raise the vacuum from which on fibres press on each other by `extra_pa`."""
-
-    def change(law: Any) -> None:
-        law["friction_onset_pa"] = max(law["friction_onset_pa"] + values["extra_pa"], 0.0)
-
-    return with_tendons(rig, "", change)
+    law["friction_onset_pa"] = max(law["friction_onset_pa"] + values["extra_pa"], 0.0)
 
 
-def scale_grip(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def scale_grip(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale the pull of the membrane that grips the fibres, by `scale`."""
-    return _with_scaled_tendons(rig, "grip_n_per_pa", values["scale"])
+    law["grip_n_per_pa"] *= values["scale"]
 
 
-def scale_stiffening(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
+@_of_tendons
+def scale_stiffening(law: Any, values: Mapping[str, float], _place: str) -> None:
     """Scale by how much vacuum stiffens the fibres, by `scale`."""
-    return _with_scaled_tendons(rig, "stiffening_per_pa", values["scale"])
+    law["stiffening_per_pa"] *= values["scale"]
 
 
 def scale_bandwidth(rig: Rig, values: Mapping[str, float], _place: str) -> Rig:
