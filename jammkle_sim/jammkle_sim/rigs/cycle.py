@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.rigs.guide import guided_by_poses
-from jammkle_sim.rigs.model import ankle_under_carriage, hung, new_spec
+from jammkle_sim.rigs.model import guided_ankle, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
     jammed_vacuum_option,
@@ -68,14 +66,8 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
             VacuumStep(start_s + options.jam_time_s, channels, 0.0),
         ]
     rows = 3
-    still = guided_by_poses(options.timestep_s, np.zeros((rows, 3)), Rotation.identity(rows))
-    rig = ankle_under_carriage(
-        new_spec("cycle", options.timestep_s),
-        options,
-        hung(ankle, options.hang_pitch_deg),
-        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
-        guide=still,
-    )
+    spec = new_spec("cycle", options.timestep_s)
+    rig = guided_ankle(spec, options, ankle, np.zeros((rows, 3)), Rotation.identity(rows))
     programme = Programme(
         duration_s=_START_S + len(_GROUPS) * period_s,
         vacuum=tuple(schedule),

@@ -20,12 +20,14 @@ from jammkle_sim.physics.pneumatics import PneumaticParameters
 from jammkle_sim.physics.records import GUIDED_KG, GUIDED_KG_M2
 from jammkle_sim.physics.sensors import SensorParameters
 from jammkle_sim.physics.tendon import tendon_law
+from jammkle_sim.rigs.guide import guided_by_poses
 from jammkle_sim.rigs.rig import ACCELEROMETER, GROUND, GYRO, LOAD_CELL, Rig, free
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
     from jammkle_sim.physics.constants import TendonParameters
     from jammkle_sim.rigs.rig import Event
@@ -262,6 +264,23 @@ def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
         options=options,
         parts={"ankle": ankle, "tendon": tendon, "pneumatics": pneumatics, "sensors": sensors},
         guide=free() if guide is None else guide,
+    )
+
+
+def guided_ankle(  # noqa: PLR0913, PLR0917 - as many as it has parts
+    spec: Any, options: Any, ankle: AnkleParameters | None, position_m: Any, turn: Rotation, friction: float = 0.0
+) -> Rig:
+    """Finish an exercise: an ankle as `ankle_under_carriage`, with pose and reservoir of the options, that takes poses.
+
+    They are of its joint, shape (n, 3), m, and from the shank's frame to the world's, n of them, one per time step.
+    """
+    return ankle_under_carriage(
+        spec,
+        options,
+        hung(ankle, options.hang_pitch_deg),
+        friction=friction,
+        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
+        guide=guided_by_poses(options.timestep_s, position_m, turn),
     )
 
 

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import ParameterError, parameter
 from jammkle_sim.physics.ankle import AnkleParameters, corner_m
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.rigs.guide import guided_by_poses, smooth_course
-from jammkle_sim.rigs.model import add_slope, ankle_under_carriage, hung, new_spec
+from jammkle_sim.rigs.guide import smooth_course
+from jammkle_sim.rigs.model import add_slope, guided_ankle, hung, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
     parameter_set_option,
@@ -120,7 +119,6 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
     if options.turn_deg >= options.tilt_deg:
         problem = f"it must be less than the tilt of {options.tilt_deg:g} deg, or else the foot stands flat"
         raise ParameterError(problem, "turn_deg", options.turn_deg)
-    ankle = hung(ankle, options.hang_pitch_deg)
     poses = POSES if options.sides == "yes" else ((1.0, 0.0), (-1.0, 0.0))
     presses = tuple(corner for pose in poses for corner in _pressed(options, *pose))
     start = (0.0, 0.0, 0.0, presses[0][-1])
@@ -133,15 +131,8 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
     position_m = np.column_stack((np.zeros((len(grid_s), 2)), height_m))
     turn = Rotation.from_euler("YX", np.column_stack((pitch_rad, roll_rad)))
     spec = new_spec("press", options.timestep_s)
-    add_slope(spec, 0.0, options.friction, ankle.contact_time_s)
-    rig = ankle_under_carriage(
-        spec,
-        options,
-        ankle,
-        friction=options.friction,
-        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
-        guide=guided_by_poses(options.timestep_s, position_m, turn),
-    )
+    add_slope(spec, 0.0, options.friction, (ankle or AnkleParameters()).contact_time_s)
+    rig = guided_ankle(spec, options, ankle, position_m, turn, options.friction)
     programme = Programme(
         duration_s=end_s,
         vacuum=(all_channels(half_s, options.vacuum_pa),),

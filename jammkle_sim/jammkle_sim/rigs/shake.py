@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.rigs.guide import guided_by_poses
-from jammkle_sim.rigs.model import ankle_under_carriage, hung, new_spec
+from jammkle_sim.rigs.model import guided_ankle, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
     jammed_vacuum_option,
@@ -90,14 +88,8 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
         for one, other in ((options.from_hz, options.to_hz), (options.to_hz, options.from_hz))
     )
     turn = Rotation.from_euler("YX", np.column_stack((pitch_rad, roll_rad)))
-    guide = guided_by_poses(options.timestep_s, turn.apply((0.0, 0.0, -_PIVOT_M)), turn)
-    rig = ankle_under_carriage(
-        new_spec("shake", options.timestep_s),
-        options,
-        hung(ankle, options.hang_pitch_deg),
-        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
-        guide=guide,
-    )
+    spec = new_spec("shake", options.timestep_s)
+    rig = guided_ankle(spec, options, ankle, turn.apply((0.0, 0.0, -_PIVOT_M)), turn)
     programme = Programme(
         duration_s=end_s,
         vacuum=(all_channels(jam_s, options.vacuum_pa),),

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
 from jammkle_sim.physics.ankle import AnkleParameters
-from jammkle_sim.physics.pneumatics import PneumaticParameters
-from jammkle_sim.rigs.guide import guided_by_poses, smooth_course
-from jammkle_sim.rigs.model import ankle_under_carriage, hung, new_spec
+from jammkle_sim.rigs.guide import smooth_course
+from jammkle_sim.rigs.model import guided_ankle, new_spec
 from jammkle_sim.rigs.options import (
     hang_pitch_option,
     jammed_vacuum_option,
@@ -80,13 +79,7 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
     end_s = float(corners[-1, 0])
     grid_s = np.arange(round(end_s / options.timestep_s) + 2, dtype=np.float64) * np.float64(options.timestep_s)
     turn = Rotation.from_euler("YX", smooth_course(corners[:, 0], corners[:, 1:], grid_s))
-    rig = ankle_under_carriage(
-        new_spec("tilt", options.timestep_s),
-        options,
-        hung(ankle, options.hang_pitch_deg),
-        pneumatics=PneumaticParameters(reservoir_volume_m3=options.reservoir_volume_m3),
-        guide=guided_by_poses(options.timestep_s, np.zeros((len(grid_s), 3)), turn),
-    )
+    rig = guided_ankle(new_spec("tilt", options.timestep_s), options, ankle, np.zeros((len(grid_s), 3)), turn)
     programme = Programme(
         duration_s=end_s,
         vacuum=(all_channels(jam_s, options.vacuum_pa),),
