@@ -267,7 +267,7 @@ def ankle_under_carriage(  # noqa: PLR0913 - as many as it has parts
     )
 
 
-def guided_ankle(  # noqa: PLR0913, PLR0917 - as many as it has parts
+def guided_ankle(
     spec: Any, options: Any, ankle: AnkleParameters | None, position_m: Any, turn: Rotation, friction: float = 0.0
 ) -> Rig:
     """Finish an exercise: an ankle as `ankle_under_carriage`, with pose and reservoir of the options, that takes poses.
