@@ -382,24 +382,36 @@ class Received:
     """Whether it was published before the recording began, as latched messages may be."""
 
 
+_MOST_COUNTS = 4
+"""Counts of one topic that are kept. Chosen: of two publishers, each started anew once."""
+
+
 class Losses:
     """Messages that did not come in, as where the machine is too busy to take them before the queue is full.
 
     They are gaps in the numbers that a publisher gives its messages. Which of several publishers a message comes from
-    is not known, so that only topics with one are counted.
+    is not known, so that only topics with one are counted. A second one is heard before it is seen: a number that goes
+    back begins a count of its own, and each number goes on from the nearest below.
     """
 
     def __init__(self) -> None:
         """Nothing is lost yet."""
         self.by_topic: dict[str, int] = {}
-        self._latest: dict[str, int] = {}
+        self._latest: dict[str, list[int]] = {}
 
     def take(self, topic: str, number: int, *, of_one_publisher: bool) -> None:
         """Take a message's number, from 1; 0: the middleware does not count."""
-        before = self._latest.get(topic, 0)
-        self._latest[topic] = number if of_one_publisher else 0
-        if of_one_publisher and 0 < before < number - 1:
-            self.by_topic[topic] = self.by_topic.get(topic, 0) + number - before - 1
+        if not of_one_publisher or number == 0:
+            self._latest.pop(topic, None)
+            return
+        latest = self._latest.setdefault(topic, [])
+        before = max((each for each in latest if each < number), default=0)
+        if before:
+            latest.remove(before)
+            if number > before + 1:
+                self.by_topic[topic] = self.by_topic.get(topic, 0) + number - before - 1
+        latest.append(number)
+        del latest[:-_MOST_COUNTS]
 
     def __str__(self) -> str:
         """Return what was lost of which topics, and why."""

@@ -28,7 +28,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool, Float32, String
 
 from domains import wait_until
-from jammkle_bringup.recorder import QUEUE_DEPTH, Recorder, TimeSource
+from jammkle_bringup.recorder import QUEUE_DEPTH, Losses, Recorder, TimeSource
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
 from jammkle_common.bags.recovery import recover
@@ -509,3 +509,18 @@ def test_a_recorder_reports_where_it_records_and_what_it_cannot(node: Node, reco
     assert reports["/recorder: recording"].level == DiagnosticStatus.WARN
     recording.end()
     wait_until(lambda: reported("/recorder: stopped", "in order"), "it says that it ends")
+
+
+def test_a_second_publisher_that_is_not_seen_yet_is_no_loss() -> None:
+    """Its numbers go on beside those of the first, and what each of them loses is counted; so does one begun anew."""
+    losses = Losses()
+    for number in (17_000, 1, 17_001, 2, 17_002, 3):
+        losses.take("/joint_states", number, of_one_publisher=True)
+    assert losses.by_topic == {}
+    losses.take("/joint_states", 17_005, of_one_publisher=True)
+    losses.take("/joint_states", 5, of_one_publisher=True)
+    assert losses.by_topic == {"/joint_states": 3}
+    for number in (17_006, 9, 17_050):
+        losses.take("/joint_states", number, of_one_publisher=False)
+    losses.take("/joint_states", 17_100, of_one_publisher=True)
+    assert losses.by_topic == {"/joint_states": 3}
