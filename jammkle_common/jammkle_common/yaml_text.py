@@ -6,12 +6,15 @@ PyYAML by itself keeps the last of two values without a word, and reads 5e4 as t
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.parameters import shortened
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _MOST_DIGITS = 1000
 """Of a whole number. Chosen; Python itself refuses to convert more than 4300."""
@@ -45,6 +48,28 @@ _Loader.yaml_implicit_resolvers = {
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 )
+
+
+def text_of(file: Path, source: str) -> str:
+    """Return the text of a file; errors begin with the source.
+
+    Raises:
+        InputError: it cannot be read, or is no text.
+
+    """
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        msg = f"{source} is no text in UTF-8; give a file of YAML"
+        raise InputError(msg) from error
+    except (OSError, ValueError) as error:  # no path holds a zero
+        msg = f"{source} cannot be read: {getattr(error, 'strerror', '') or error}"
+        raise InputError(msg) from error
+
+
+def read_file(file: Path, source: str) -> Any:
+    """Return what a file holds: `text_of` and `read_yaml` in one."""
+    return read_yaml(text_of(file, source), source)
 
 
 def read_yaml(text: str, source: str) -> Any:

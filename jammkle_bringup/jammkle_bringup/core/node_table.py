@@ -31,7 +31,7 @@ from jammkle_common.names import (
     resolved,
 )
 from jammkle_common.parameters import ParameterError, from_mapping, of_table
-from jammkle_common.yaml_text import read_yaml
+from jammkle_common.yaml_text import read_file, read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -364,14 +364,7 @@ def merged_values(
 
 
 def _read_sections(path: Path) -> list[tuple[str, dict[str, object]]]:
-    try:
-        document = read_yaml(path.read_text(encoding="utf-8"), str(path))
-    except OSError as error:
-        msg = f"{path}: cannot be read: {error.strerror}"
-        raise InputError(msg) from error
-    except UnicodeDecodeError as error:
-        msg = f"{path} is not YAML: {error}"
-        raise InputError(msg) from error
+    document = read_file(path, str(path))
     if not isinstance(document, dict):
         msg = f"{path}: must hold sections such as '/**/driver: {{{_PARAMETERS_KEY}: {{...}}}}'"
         raise InputError(msg)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import SIM_PARAMETERS
 from jammkle_common.parameters import is_number, shortened
-from jammkle_common.yaml_text import read_yaml
+from jammkle_common.yaml_text import read_yaml, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -133,11 +133,7 @@ def read_sheet(bag: Path, recorded: str | None, name: str = "") -> RunSheet:
     file = within if within.is_file() else around if around.is_file() and not own.rig else None
     if file is None:
         return own
-    try:
-        written = read_text(file.read_text(encoding="utf-8"), str(file))
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"run sheet {file} cannot be read: {error}"
-        raise InputError(msg) from error
+    written = read_text(text_of(file, f"run sheet {file}"), str(file))
     return RunSheet(written.rig or own.rig, {**own.options, **written.options}, written.robot or own.robot)
 
 

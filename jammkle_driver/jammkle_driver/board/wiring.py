@@ -14,7 +14,7 @@ import yaml
 
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import CHANNELS
-from jammkle_common.yaml_text import read_yaml
+from jammkle_common.yaml_text import read_file
 from jammkle_driver.core.hardware import MANIFOLD
 
 if TYPE_CHECKING:
@@ -239,14 +239,7 @@ def load_wiring(path: Path | None) -> Wiring:
 
     """
     path = path or standard_board_file()
-    try:
-        content = read_yaml(path.read_text(encoding="utf-8"), f"board file {path}")
-    except OSError as error:
-        msg = f"board file {path}: {error.strerror}"
-        raise InputError(msg) from error
-    except UnicodeDecodeError as error:
-        msg = f"board file {path}: not UTF-8"
-        raise InputError(msg) from error
+    content = read_file(path, f"board file {path}")
     try:
         return _wiring(content)
     except InputError as error:

@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from jammkle_common import yaml_text
 from jammkle_common.command.errors import InputError
+from jammkle_common.yaml_text import read_file
 from jammkle_gap.ankle.inputs import AnkleInputs
 from jammkle_gap.core.effects import BadEffectError, Effect, EffectParameter, Library
 from jammkle_sim.rigs.rig import Rig
@@ -92,15 +92,9 @@ def read_yaml(file: Path, what: str) -> Any:
 
     """
     try:
-        return yaml_text.read_yaml(file.read_text(encoding="utf-8"), f"{what} {file}")
+        return read_file(file, f"{what} {file}")
     except InputError as error:
         raise BadEffectError(str(error)) from error
-    except UnicodeDecodeError as error:
-        msg = f"{what} {file} is not YAML: {error}"
-        raise BadEffectError(msg) from error
-    except (OSError, ValueError) as error:  # no path holds a zero
-        msg = f"{what} {file} cannot be read: {getattr(error, 'strerror', '') or error}"
-        raise BadEffectError(msg) from error
 
 
 def _effects_of(file: Path | None, table: Any, *, with_priors: bool = False) -> Iterator[AnkleEffect]:

@@ -12,7 +12,7 @@ import typer
 
 from jammkle_common.command import results
 from jammkle_common.command.errors import GraphError, InputError, Interrupted, StopRequest
-from jammkle_common.yaml_text import read_yaml
+from jammkle_common.yaml_text import read_file
 from jammkle_gap.backend import backend, check_jobs, in_stages
 from jammkle_gap.core.data import BadRecordingError
 from jammkle_gap.core.effects import BadEffectError
@@ -137,11 +137,7 @@ def _model_of(file: Path) -> tuple[Path, Mapping[str, Any] | None]:
         raise InputError(msg)
     if file.suffix not in {".yaml", ".yml"}:
         return file, None
-    try:
-        table = read_yaml(file.read_text(encoding="utf-8"), f"--model {file}") or {}
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"--model {file} cannot be used as a map: {' '.join(str(error).split())}"
-        raise InputError(msg) from error
+    table = read_file(file, f"--model {file}") or {}
     if not isinstance(table, dict) or _MODEL not in table:
         held = ", ".join(map(str, table)) if isinstance(table, dict) else repr(table)
         msg = f"--model {file} names no model, but holds: {held or 'nothing'}; write 'model: robot.xml' into it"

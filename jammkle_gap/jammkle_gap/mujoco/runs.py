@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from jammkle_common.command.errors import InputError
-from jammkle_common.yaml_text import read_yaml
+from jammkle_common.yaml_text import read_file
 from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
@@ -226,12 +226,9 @@ def read_map(source: Path | Mapping[str, Any] | None) -> RobotMap:
     """
     where = f"map {source}" if isinstance(source, Path) else "the map"
     try:
-        table = read_yaml(source.read_text(encoding="utf-8"), where) if isinstance(source, Path) else source
+        table = read_file(source, where) if isinstance(source, Path) else source
     except InputError as error:
         msg = f"{error}; see docs/any_robot.md for its keys"
-        raise BadRobotError(msg) from error
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"{where} cannot be read: {error}; see docs/any_robot.md for its keys"
         raise BadRobotError(msg) from error
     return _map_of(_table(table or {}, where), where)
 
