@@ -411,6 +411,17 @@ def test_a_standard_type_without_its_fields_is_left_out(
     assert "Traceback" not in said
 
 
+def test_bags_of_older_releases_lack_fields_of_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are read as far as they go."""
+    definition = b"std_msgs/Header header\nbool emergency_stopped\n" + b"=" * 80
+    definition += b"\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    old = _foreign(JAM_STATE.message_type, definition)._replace(topic="/jam_state")
+    write_mcap(tmp_path / "bag" / "a.mcap", [*ROWS, old])
+    with opened(tmp_path / "bag") as reader:
+        assert [each.topic for each in reader.on(["/jam_state"])] == ["/jam_state"]
+    assert "left out" not in capsys.readouterr().err
+
+
 YEAR_NS = 365 * 86_400 * 10**9
 
 

@@ -218,14 +218,18 @@ def test_a_machine_that_stands_until_it_falls_keeps_the_error_of_its_code() -> N
     assert layout.floor[centre_s > 1.8] == pytest.approx(STEP / np.sqrt(12.0 * per_bin), rel=0.1)
 
 
-def test_a_signal_that_never_changes_counts_where_its_accuracy_is_known() -> None:
-    """Else it is left out: a reading without any scatter would decide everything."""
-    run = landing(0.4)
-    still = Signal("still", "rad", TIMES_S, np.full(TIMES_S.size, 0.2))
-    unknown = dataclasses.replace(run, signals=(*run.signals, still))
-    known = dataclasses.replace(run, signals=(*run.signals, dataclasses.replace(still, resolution=0.001)))
-    assert stuck_in([unknown]) == ("still",)
-    assert layout_of([unknown], 0.02, None).signals == ("force", "tank")
-    assert layout_of([known], 0.02, None).signals == ("force", "still", "tank")
-    with pytest.raises(BadRecordingError, match=r"no signal that changes \(still\); .* declare the noise"):
+def test_a_signal_that_never_changes_is_as_noisy_as_others_in_its_unit() -> None:
+    """Unless its accuracy is declared. Without any noise it would decide all, and a seized joint shall be seen."""
+    random, run = np.random.default_rng(4), landing(0.4)
+    still = Signal("still", "N", TIMES_S, np.full(TIMES_S.size, 0.2))
+    noisy = Signal("noisy", "N", TIMES_S, random.normal(0.0, 0.01, TIMES_S.size))
+    runs = [dataclasses.replace(run, signals=(noisy, still))]
+    assert stuck_in(runs) == ("still",)
+    layout = layout_of(runs, 0.02, None)
+    assert layout.signals == ("noisy", "still")
+    noise, taken = layout.by_signal(layout.floor)
+    assert taken == pytest.approx(noise)
+    declared = [dataclasses.replace(run, signals=(noisy, dataclasses.replace(still, noise=0.001)))]
+    assert stuck_in(declared) == ()
+    with pytest.raises(BadRecordingError, match=r"still never changes .* in N .* declare its noise"):
         layout_of([Recording("run", (still,))], 0.02, None)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from jammkle_common.bags.contents import Contents
     from jammkle_common.bags.storage import BagFile, Connection
 
+_OWN_PACKAGE = "jammkle_msgs/"
 _OURS = {topic.name: topic.message_type for topic in TOPICS}
 
 
@@ -111,7 +112,9 @@ class BagReader:
             if each.topic not in topics:
                 continue
             ours = next((kind for name, kind in _OURS.items() if f"/{each.topic}".endswith(f"/{name}")), each.msgtype)
-            why = f"it is of type {each.msgtype}, not {ours}" if each.msgtype != ours else self._types.lacking(each)
+            why = "" if each.msgtype == ours else f"it is of type {each.msgtype}, not {ours}"
+            if not each.msgtype.startswith(_OWN_PACKAGE):  # bags of older releases lack fields of ours
+                why = why or self._types.lacking(each)
             if why:
                 note(f"bag {self.path}: {each.topic} is left out: {why}")
             else:

@@ -143,8 +143,8 @@ def check_motion_is_whole(bag: str, sensor: str, stamp_s: NDArray[np.float64], s
 
     Args:
         bag: Name of the bag.
-        sensor: A topic of names.py that says how something moved.
-        stamp_s: Of its readings between start and end, rising, s.
+        sensor: The IMU's topic, or a joint, that says how something moved.
+        stamp_s: Of its readings, rising, s.
         start_s: Of what is replayed.
         end_s: Of what is replayed.
 
@@ -153,7 +153,7 @@ def check_motion_is_whole(bag: str, sensor: str, stamp_s: NDArray[np.float64], s
 
     """
     longest_s = _LONGEST_GAP_IN_MOTION_S if sensor == names.IMU.name else _LONGEST_PAUSE_S
-    edges_s = np.array([start_s, *stamp_s, end_s])
+    edges_s = np.array([start_s, *stamp_s[(stamp_s > start_s) & (stamp_s < end_s)], end_s])
     gaps_s = np.diff(edges_s)
     if gaps_s.max() > longest_s:
         at = int(np.argmax(gaps_s))

@@ -284,19 +284,19 @@ def _with_motion(
         return dataclasses.replace(inputs, release_s=release_s, release_seen_by=seen_by)
     joints = topics.get(names.JOINT_STATES.name)
     if is_guided(built):
-        moved_by = [topics[names.IMU.name], *([joints] if joints is not None and has_ground(built) else [])]
-        for sensor, samples in zip((names.IMU.name, names.JOINT_STATES.name), moved_by, strict=False):
-            stamp_s = samples.stamp_s[(samples.stamp_s >= segment.start_s) & (samples.stamp_s <= segment.end_s)]
-            checks.check_motion_is_whole(name, sensor, stamp_s, segment.start_s, segment.end_s)
+        checks.check_motion_is_whole(
+            name, names.IMU.name, topics[names.IMU.name].stamp_s, segment.start_s, segment.end_s
+        )
         place = place_of(joints) if joints is not None and has_ground(built) else None
+        if place is not None:
+            checks.check_motion_is_whole(name, names.CARRIAGE_JOINT, place[0], segment.start_s, segment.end_s)
         motion = shank_motion(topics[names.IMU.name], place, segment.start_s, segment.end_s)
         return dataclasses.replace(inputs, shank=motion)
     if not is_driven(built) or joints is None or CARRIAGE not in joints.columns:
         return inputs
     stamp_s, position_m = joints.readings(CARRIAGE)
     within = stamp_s <= segment.end_s
-    moved_s = stamp_s[within & (stamp_s >= segment.start_s)]
-    checks.check_motion_is_whole(name, names.JOINT_STATES.name, moved_s, segment.start_s, segment.end_s)
+    checks.check_motion_is_whole(name, names.CARRIAGE_JOINT, stamp_s, segment.start_s, segment.end_s)
     return dataclasses.replace(inputs, course=course_of(stamp_s[within] - segment.start_s, position_m[within]))
 
 

@@ -396,7 +396,7 @@ def _notes(evidence: Evidence) -> tuple[str, ...]:
     runs = [run for setting in evidence.settings for run in (*setting.faulty, *setting.references)]
     notes += [text for setting in evidence.settings if (text := _cut_short(setting))]
     notes += [
-        f"setting '{setting.name}': {name} never changes, and is left out: declare its noise or its resolution"
+        f"setting '{setting.name}': {name} never changes; its noise is taken for the largest in its unit: declare it"
         for setting in evidence.settings
         for name in stuck_in([*setting.faulty, *setting.references])
     ]

@@ -166,7 +166,7 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
         alignment: Finds events; without one every signal is taken by the clock.
 
     Raises:
-        BadRecordingError: they have no signal in common that changes, or hardly overlap.
+        BadRecordingError: they have no signal in common, or hardly overlap, or the noise of one is unknown.
 
     """
     signals = _shared_signals(recordings)
@@ -190,32 +190,35 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
         msg = f"the recordings {names} overlap for {max(end_s, 0.0):.2f} s, less than {FEWEST_BINS} bins of {bin_s:g} s"
         msg += "; record longer"
         raise BadRecordingError(msg)
-    floors = []
+    floors: dict[str, NDArray[np.float64]] = {}
     for signal in signals:
         runs = []
         for each, events in zip(recordings, found, strict=True):
             asked = () if alignment is None else alignment.events_of(each, signal.name)
             read = each.signal(signal.name)
             runs.append((aligned_s(read.time_s, asked, events, event_s), read))
-        floors.append(_floor(runs, bin_s, bins))
-    floors.append(np.full(len(event_s), EVENT_NOISE_S))
-    shared, units = tuple(each.name for each in signals), tuple(each.unit for each in signals)
-    return Layout(shared, units, bin_s, bins, event_s, np.concatenate(floors))
+        floors[signal.name] = _floor(runs, bin_s, bins)
+    units = {each.name: each.unit for each in signals}
+    for name in stuck_in(recordings):
+        others = [floors[other] for other in units if units[other] == units[name] and other not in stuck_in(recordings)]
+        if not others:
+            msg = f"{name} never changes in {', '.join(each.name for each in recordings)}, and no other signal in "
+            msg += f"{units[name]} does, so that its noise is unknown; declare its noise or its resolution"
+            raise BadRecordingError(msg)
+        floors[name] = np.max(others, axis=0)
+    floor = np.concatenate([*floors.values(), np.full(len(event_s), EVENT_NOISE_S)])
+    return Layout(tuple(units), tuple(units.values()), bin_s, bins, event_s, floor)
 
 
 def _shared_signals(recordings: Sequence[Recording]) -> list[Signal]:
-    """Return the signals of the first run that all runs have and that change, by name."""
+    """Return the signals of the first run that all runs have, by name."""
     names = ", ".join(each.name for each in recordings)
-    common, stuck = _common(recordings), stuck_in(recordings)
+    common = _common(recordings)
     if not common:
         msg = f"the recordings {names} have no signal in common; record the same topics in all runs of a setting"
         raise BadRecordingError(msg)
     # Bags list their topics as they came: by name, runs of one setting share a dictionary whatever came first.
-    signals = [recordings[0].signal(name) for name in common if name not in stuck]
-    if not signals:
-        msg = f"the recordings {names} hold no signal that changes ({', '.join(stuck)}); where that is right, declare "
-        msg += "the noise or the resolution of the sensors"
-        raise BadRecordingError(msg)
+    signals = [recordings[0].signal(name) for name in common]
     for signal in signals:
         given = sorted({each.signal(signal.name).unit for each in recordings})
         if len(given) > 1:
@@ -231,7 +234,8 @@ def _common(recordings: Sequence[Recording]) -> list[str]:
 def stuck_in(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return signals that never change, and of which neither noise nor resolution is declared.
 
-    How well such a reading is known is not known: it may be a sensor that is not there, and would decide everything.
+    How accurate such a reading is nobody knows, and without any noise it would decide everything. It is taken to be as
+    noisy as the noisiest signal in its unit.
     """
     return tuple(
         name
