@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -63,7 +64,7 @@ def late(session, tick):
     if time.monotonic() > ends_s[0]:
         take(session, tick)
 _Session._take_clock = late
-sys.exit(main(["exercise", sys.argv[1], "-o", sys.argv[2]]))
+sys.exit(main(["exercise", sys.argv[1], "-o", sys.argv[2], "-p", sys.argv[3]]))
 """
 """An exercise whose command receives the clock a second after all else, as on a busy machine."""
 
@@ -159,8 +160,8 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
     probe = make_probe()
     probe.listen(JAM_STATE)
     probe.wait_until_up()
-    for name in ("shake", "press"):
-        late = [sys.executable, "-c", LATE_CLOCK, name, str(tmp_path / "bags")]
+    for name, brief in {"shake": "sweep_s:=2.0", "press": "way_time_s:=0.4"}.items():
+        late = [sys.executable, "-c", LATE_CLOCK, name, str(tmp_path / "bags"), brief]
         done = subprocess.run(late, env=environment(domain_id), capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         bag = tmp_path / "bags" / name
@@ -179,9 +180,8 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
             assert worst_limb_gap(bag) < 1.0
             again = ["rig", name, "--params", str(bag), "-o", str(tmp_path / "again")]
             subprocess.run([sys.executable, "-m", "jammkle_common.command", *again], check=True, capture_output=True)
-    for name in ("cycle", "tilt"):
-        (tmp_path / "bags" / name).mkdir()
-        (tmp_path / "bags" / name / "metadata.yaml").touch()
+    for name in ("cycle", "tilt"):  # as if they had been recorded, too
+        shutil.copytree(tmp_path / "bags" / "shake", tmp_path / "bags" / name)
     session = [sys.executable, "-c", SESSION, str(tmp_path / "bags")]
     asked = subprocess.run(session, env=environment(domain_id), capture_output=True, text=True, check=False)
     assert asked.returncode == 0, asked.stderr

@@ -36,7 +36,7 @@ from jammkle_bringup.graph_client import COMMAND_NODE, DISCOVERY_S, LOOK_S, LOOK
 from jammkle_bringup.up import Startup, pass_on
 from jammkle_common.bags.contents import holds_a_bag
 from jammkle_common.bags.run_sheet import FILE_NAME, RunSheet
-from jammkle_common.bags.stopped import set_aside, was_stopped
+from jammkle_common.bags.stopped import refuse_written, set_aside, was_stopped
 from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.command.results import make_folder, say
 from jammkle_common.constants import NANOSECONDS_PER_SECOND
@@ -122,6 +122,8 @@ def exercise(runs: Mapping[Path, RunSheet], namespace: str, asked_to_stop: Calla
 
     """
     stopped = [bag for bag in runs if holds_a_bag(bag) and was_stopped(bag)]
+    for bag in stopped:
+        refuse_written(bag)
     for bag, sheet in runs.items():
         if bag.exists() and bag not in stopped:
             msg = f"{bag} is there already: nothing is overwritten; choose another --output or move it away"
@@ -227,7 +229,7 @@ class _Session:
         self._recorder: Supervisor | None = None
 
     def check(self, sheet: RunSheet) -> None:
-        """Refuse an exercise whose vacuum a driver would refuse on the way.
+        """Refuse an exercise whose vacuum a driver would refuse on the way, or that nobody can do.
 
         Raises:
             InputError: as said.
@@ -242,6 +244,17 @@ class _Session:
                 msg += f"takes {least_pa / _PA_PER_KPA:g} to {most_pa / _PA_PER_KPA:g} kPa (its min_vacuum_pa and "
                 msg += "max_vacuum_pa): give a vacuum between them, by --vacuum-kpa"
                 raise InputError(msg)
+        if self._limbs():
+            return
+        name, (rig, _) = sheet.rig, EXERCISES[sheet.rig].build(_options_of(self._as_done(sheet)))
+        if spoken(course_of(rig, timestep_s(rig))) and _simulation_is_seen(self._client):
+            msg = f"{name} moves the shank, and nobody can take that of a simulated ankle into the hands: `jammkle rig "
+            msg += f"{name}` does it without the graph, and `jammkle up --robot leg` simulates a leg that moves it"
+            raise InputError(msg)
+        if has_ground(rig) and not all(CARRIAGE_JOINT in joints for joints in self._joints.values()):
+            msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
+            msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
+            raise InputError(msg)
 
     def begin(self) -> None:
         """Take the ankles from their controllers; one that does not say what it does is taken for automatic."""
@@ -290,24 +303,12 @@ class _Session:
 
     def do(self, sheet: RunSheet, bag: Path) -> None:
         """Do one exercise and record it."""
-        name, kind = sheet.rig, EXERCISES[sheet.rig]
-        limbs = self._limbs()
-        given: dict[str, Any] = {**self._built, **sheet.options}
-        if limbs and "sides" in {row.name for row in rows(kind.options)}:
-            given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
-        options = from_mapping(kind.options, given)
-        rig, programme = kind.build(options)
-        say(f"{name}: {kind.title}; {programme.duration_s:.0f} s")
+        name, limbs = sheet.rig, self._limbs()
+        done = self._as_done(sheet)
+        rig, programme = EXERCISES[name].build(_options_of(done))
+        say(f"{name}: {EXERCISES[name].title}; {programme.duration_s:.0f} s")
         angles = self._angles(rig, limbs) if limbs else {}
         by_hand = [] if limbs else spoken(course_of(rig, timestep_s(rig)))
-        if by_hand and _simulation_is_seen(self._client):
-            msg = f"{name} moves the shank, and nobody can take that of a simulated ankle into the hands: `jammkle rig "
-            msg += f"{name}` does it without the graph, and `jammkle up --robot leg` simulates a leg that moves it"
-            raise InputError(msg)
-        if not limbs and has_ground(rig) and not all(CARRIAGE_JOINT in joints for joints in self._joints.values()):
-            msg = f"{name} needs the height of the ankle over the ground: by {' and '.join(LEG_JOINTS[1:])}, or by "
-            msg += f"{CARRIAGE_JOINT}, in {JOINT_STATES.name}; do the others one by one"
-            raise InputError(msg)
         if by_hand:
             for left in range(_COUNT_S, 0, -1):
                 say(f"no joints of the robot's own are seen: take the shank into your hands; it begins in {left}")
@@ -332,7 +333,6 @@ class _Session:
             if bad := supervisor.stop():
                 msg = f"{bad[0].text()}; {bag} is not whole: do the exercise again"
                 raise GraphError(msg)
-        done = RunSheet(name, {**given, "vacuum_pa": options.vacuum_pa})
         (bag / FILE_NAME).write_text(yaml.safe_dump(done.as_mapping(), sort_keys=False), encoding="utf-8")
 
     def end(self) -> None:
@@ -397,6 +397,14 @@ class _Session:
         ends = [client.subscriptions(topic) for topic in measured]
         ends += [client.node.get_subscriptions_info_by_topic(topic) for topic in asked]
         return all(recorder in map(node_at, each) for each in ends)
+
+    def _as_done(self, sheet: RunSheet) -> RunSheet:
+        """Return the run sheet of an exercise as it is done with these ankles."""
+        kind = EXERCISES[sheet.rig]
+        given: dict[str, Any] = {**self._built, **sheet.options}
+        if self._limbs() and "sides" in {row.name for row in rows(kind.options)}:
+            given["sides"] = "no"  # an abducted leg turns and slides its ankle as it comes down, which nothing measures
+        return RunSheet(sheet.rig, {**given, "vacuum_pa": from_mapping(kind.options, given).vacuum_pa})
 
     def _limbs(self) -> dict[str, Limb]:
         found = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -176,6 +177,8 @@ def test_a_vacuum_that_a_driver_refuses_is_refused_beforehand(vacuum_pa: float, 
     session = _Session.__new__(_Session)
     session._client, session._ankles = SimpleNamespace(wait_until=lambda *_: True), ("lf_ankle", "rf_ankle")
     session._states = {"lf_ankle": JamState(), "rf_ankle": JamState(min_vacuum_pa=10e3, max_vacuum_pa=70e3)}
+    session._built = {"hang_pitch_deg": 30.0}
+    session._joints = {each: {"hip": 0.5, "knee": 1.0} for each in session._ankles}
     refused = contextlib.nullcontext() if said is None else pytest.raises(InputError, match=said)
     with refused:
         session.check(RunSheet("press", {"vacuum_pa": vacuum_pa}))
@@ -189,6 +192,10 @@ def test_a_stopped_exercise_is_done_again(
     bag.mkdir()
     (bag / "metadata.yaml").touch()
     done: list[str] = []
+    with pytest.raises(InputError, match="it is being recorded, or its exercise has just been stopped"):
+        exercise({bag: RunSheet("press")}, "/", lambda: False)
+    for path in (bag / "metadata.yaml", bag):
+        os.utime(path, (0.0, 0.0))
 
     class Ready:
         """A session that finds everything as it should be."""
@@ -215,18 +222,18 @@ def test_a_stopped_exercise_is_done_again(
     exercise({bag: RunSheet("press")}, "/", lambda: False)
     assert done == ["press"]
     assert (tmp_path / "unfinished" / "press" / "metadata.yaml").is_file()
-    assert f"{bag} has no run sheet, as its exercise was stopped" in capsys.readouterr().err
+    assert f"{bag} has no run sheet, perhaps as its exercise was stopped" in capsys.readouterr().err
     with pytest.raises(InputError, match="press is there already"):
         exercise({bag: RunSheet("press")}, "/", lambda: False)
 
 
 @pytest.mark.parametrize("name", ["press", "tilt"])
-def test_nobody_is_asked_to_move_a_simulated_ankle(name: str, tmp_path: Path) -> None:
+def test_nobody_is_asked_to_move_a_simulated_ankle(name: str) -> None:
     """It is refused with two ways out, before anything is recorded."""
     session = _Session.__new__(_Session)
     session._client = SimpleNamespace(
         namespace="/", nodes=lambda: {"/sim", "/driver"}, wait_until=lambda holds, _: holds()
     )
-    session._joints, session._built = {"": {"ankle_pitch": 0.0}}, {}
+    session._joints, session._built, session._ankles, session._states = {"": {"ankle_pitch": 0.0}}, {}, [], {}
     with pytest.raises(InputError, match=f"`jammkle rig {name}` does it without the graph"):
-        session.do(RunSheet(name), tmp_path / name)
+        session.check(RunSheet(name))

@@ -149,10 +149,12 @@ def read_bag(
 
 
 def _namespace(reader: BagReader, topic: str) -> str:
-    """Return the namespace of the IMU's topic, if it is called as an ankle's, else of the only ankle; `/`: of none."""
-    if topic.endswith(f"/{names.IMU.name}"):
-        return namespaces_in([topic])[0]
-    return reader.chosen_namespace(None) if namespaces_in(reader.topics) else "/"
+    """Return the namespace of the IMU's topic, if an ankle is there, else of the only ankle; `/`: of none."""
+    found = namespaces_in(reader.topics)
+    own = namespaces_in([topic])
+    if own and own[0] in found:
+        return own[0]
+    return reader.chosen_namespace(None) if found else "/"
 
 
 def _leg(path: Path, reader: Any, topic: str, parameters: ControllerParameters) -> Leg | None:

@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
+from jammkle_common.bags.reading import namespaces_in
 from jammkle_common.command.errors import InputError
 from jammkle_common.names import ACHILLES, CHANNELS, JAM_STATE
 from jammkle_controller.core.events import Source
@@ -121,6 +122,7 @@ def test_of_a_bag_with_one_ankle_the_namespace_need_not_be_given(tmp_path: Path)
         assert [each.source for each in made.events] == [Source.CONTACT_SWITCH]
     with pytest.raises(InputError, match="/lf_ankle, /rf_ankle; choose one with --namespace"):
         read_bag(several, "", None, parameters)
+    assert namespaces_in(["/imu/data", "/lf_ankle/manifold/pressure"]) == ("/lf_ankle",)  # a robot's own IMU is none
     answer = detect(one, "-o", tmp_path / "out")
     assert answer.returncode == 0, answer.stderr
     (event,) = json.loads((tmp_path / "out" / "events.json").read_text())["events"]

@@ -250,7 +250,6 @@ def messages(
 
 
 _TELLING: tuple[names.Topic, ...] = (
-    names.IMU,
     names.LOAD_CELL,
     names.JAM_STATE,
     names.CONTACT_EVENTS,
@@ -265,10 +264,10 @@ _TELLING: tuple[names.Topic, ...] = (
 def namespaces_in(topics: Iterable[str]) -> tuple[str, ...]:
     """Return the namespaces in which topics of an ankle stand, sorted; `/` for the outermost.
 
-    Joint states alone do not make an ankle where there is one: a whole robot has them too.
+    An IMU alone, or joint states, do not make an ankle where there is one: a whole robot has them too.
     """
     known = tuple(topics)
-    return _with(known, _TELLING) or _with(known, (names.JOINT_STATES,))
+    return _with(known, _TELLING) or _with(known, (names.IMU,)) or _with(known, (names.JOINT_STATES,))
 
 
 def _with(topics: Iterable[str], telling: Iterable[names.Topic]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from jammkle_common.bags.contents import contents_of
@@ -27,6 +28,24 @@ def was_stopped(bag: Path) -> bool:
         return True
 
 
+_WRITTEN_S = 5.0
+"""Age of the last change of a bag from which on nobody is recording it. Chosen: recorders write every second."""
+
+
+def refuse_written(bag: Path) -> None:
+    """Refuse a bag that is still being recorded.
+
+    Raises:
+        InputError: as said.
+
+    """
+    changed_s = max(path.stat().st_mtime for path in (bag, *bag.iterdir()))
+    if time.time() - changed_s < _WRITTEN_S:
+        msg = f"{bag} was written to within the last {_WRITTEN_S:g} s: it is being recorded, or its exercise has just "
+        msg += "been stopped; choose another --output, or try again in a moment"
+        raise InputError(msg)
+
+
 def set_aside(bag: Path) -> None:
     """Move a bag that has no run sheet out of the way, and say where to; nothing is overwritten.
 
@@ -39,7 +58,7 @@ def set_aside(bag: Path) -> None:
     aside = folder / bag.name
     aside = bag.rename(free_name(folder, bag.name) if aside.exists() else aside)
     say(
-        f"{bag} has no run sheet, as its exercise was stopped: it was moved to {aside}, and is left out; "
+        f"{bag} has no run sheet, perhaps as its exercise was stopped: it was moved to {aside}, and is left out; "
         f"if it is whole, write {FILE_NAME} into it (`jammkle info` prints a template), and move it back"
     )
 
