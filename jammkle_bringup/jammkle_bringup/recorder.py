@@ -390,28 +390,41 @@ class Losses:
     """Messages that did not come in, as where the machine is too busy to take them before the queue is full.
 
     They are gaps in the numbers that a publisher gives its messages. Which of several publishers a message comes from
-    is not known, so that only topics with one are counted. A second one is heard before it is seen: a number that goes
-    back begins a count of its own, and each number goes on from the nearest below.
+    is not known, so that only topics with one are counted. Messages of a second one may come before it is seen: each
+    number goes on from the nearest below, and a gap that a later number falls into was none.
     """
 
     def __init__(self) -> None:
         """Nothing is lost yet."""
         self.by_topic: dict[str, int] = {}
         self._latest: dict[str, list[int]] = {}
+        self._gaps: dict[str, list[tuple[int, int]]] = {}
+        """By topic, numbers before and after what is counted."""
 
     def take(self, topic: str, number: int, *, of_one_publisher: bool) -> None:
         """Take a message's number, from 1; 0: the middleware does not count."""
         if not of_one_publisher or number == 0:
             self._latest.pop(topic, None)
+            self._gaps.pop(topic, None)
             return
-        latest = self._latest.setdefault(topic, [])
+        latest, gaps = self._latest.setdefault(topic, []), self._gaps.setdefault(topic, [])
+        for gap in [(before, after) for before, after in gaps if before < number < after]:
+            gaps.remove(gap)
+            latest.append(gap[0])
+            self._count(topic, gap[0] + 1 - gap[1])
         before = max((each for each in latest if each < number), default=0)
         if before:
             latest.remove(before)
             if number > before + 1:
-                self.by_topic[topic] = self.by_topic.get(topic, 0) + number - before - 1
+                gaps.append((before, number))
+                self._count(topic, number - before - 1)
         latest.append(number)
-        del latest[:-_MOST_COUNTS]
+        del latest[:-_MOST_COUNTS], gaps[:-_MOST_COUNTS]
+
+    def _count(self, topic: str, lost: int) -> None:
+        self.by_topic[topic] = self.by_topic.get(topic, 0) + lost
+        if not self.by_topic[topic]:
+            del self.by_topic[topic]
 
     def __str__(self) -> str:
         """Return what was lost of which topics, and why."""

@@ -511,6 +511,17 @@ def test_a_recorder_reports_where_it_records_and_what_it_cannot(node: Node, reco
     wait_until(lambda: reported("/recorder: stopped", "in order"), "it says that it ends")
 
 
+def test_a_second_publisher_with_higher_numbers_is_no_loss() -> None:
+    """What was counted as it began is taken back, and what either loses later is counted."""
+    losses = Losses()
+    for number in (10, 11, 500_000, 12, 13, 500_001):
+        losses.take("/joint_states", number, of_one_publisher=True)
+    assert losses.by_topic == {}
+    for number in (15, 500_005):
+        losses.take("/joint_states", number, of_one_publisher=True)
+    assert losses.by_topic == {"/joint_states": 4}
+
+
 def test_a_second_publisher_that_is_not_seen_yet_is_no_loss() -> None:
     """Its numbers go on beside those of the first, and what each of them loses is counted; so does one begun anew."""
     losses = Losses()

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 HARDWARE_ID = "ankle"
 
 VACUUM_PARAMETERS = ("hold_vacuum_pa", "full_vacuum_pa", "landing_vacuum_pa")
-"""Parameters that the driver must take; the last one with policy fixed alone."""
+"""Parameters beyond the driver's limits are refused. The last one is asked for with policy fixed alone."""
 
 INPUT_TOPICS = {
     Input.CONTACT_SWITCH: names.FOOT_CONTACT.name,

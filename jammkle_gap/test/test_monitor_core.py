@@ -213,3 +213,11 @@ def test_what_a_driver_does_not_measure_loses_no_sample() -> None:
     assert time_s.tolist() == pytest.approx([0.0, 0.01, 0.02, 0.04])
     assert position_rad.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.4])
     assert track.columns == ("ankle/position",)
+    one_speed = Track()
+    for step in range(200):
+        one_speed.add(0.01 * step, {"ankle/position": 0.1, "ankle/velocity": np.nan if step else 0.0})
+    assert len(one_speed.column("ankle/position")[0]) > 100
+    two_nodes = Track()
+    for step in range(10):
+        two_nodes.add(0.01 * step, {"ankle/position" if step % 2 else "head/position": 0.1})
+    assert len(two_nodes.column("ankle/position")[0]) == 5

@@ -100,25 +100,33 @@ _HOLE = 4.5
 less."""
 
 
+_LOST = 50
+"""Samples in a row without a number from which on something is no longer measured. Assumed: a tenth of a second of an
+IMU of 500 Hz, a second of most other topics."""
+
+
 class Track:
     """Samples of one topic, by rising time; of two of the same time the later one counts.
 
-    A sample that is older than the last, or in which something is not finite that was before, is left out. What never
-    was, such as velocities that a driver fills with NaN, is not measured.
+    A sample that is older than the last, or in which a reading is suddenly not finite, is left out. What is not finite
+    for long, such as velocities that a driver fills with NaN, is not measured.
     """
 
     def __init__(self) -> None:
         """Begin with nothing."""
         self._samples: deque[tuple[float, Mapping[str, float]]] = deque()
-        self._measured: set[str] = set()
+        self._measured: dict[str, int] = {}
+        """Samples in a row, by name, in which what was measured was not finite."""
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Take a sample."""
         finite = {name: value for name, value in values.items() if np.isfinite(value)}
-        lost = self._measured & (values.keys() - finite.keys())
-        if not finite or lost or not np.isfinite(time_s) or time_s < self.last_s:
+        missing = {name: self._measured[name] + 1 for name in values if name in self._measured and name not in finite}
+        known = {**self._measured, **missing, **dict.fromkeys(finite, 0)}
+        self._measured = {name: count for name, count in known.items() if count < _LOST}
+        is_lost = any(name in self._measured for name in missing)
+        if not finite or is_lost or not np.isfinite(time_s) or time_s < self.last_s:
             return
-        self._measured |= finite.keys()
         if time_s == self.last_s:
             self._samples.pop()
         self._samples.append((time_s, finite))
