@@ -60,7 +60,7 @@ def text_of(file: Path, source: str) -> str:
     try:
         return file.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        msg = f"{source} is no text in UTF-8; give a file of YAML"
+        msg = f"{source} is no text in UTF-8; give a YAML file"
         raise InputError(msg) from error
     except (OSError, ValueError) as error:  # no path holds a zero
         msg = f"{source} cannot be read: {getattr(error, 'strerror', '') or error}"

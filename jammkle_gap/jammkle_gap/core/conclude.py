@@ -281,10 +281,11 @@ def _likeliest(posterior: Posterior, classes: Mapping[str, str]) -> Names:
 def _by_constants(
     evidence: Evidence, detection: Detection, likeliest: Names, constants: Constants
 ) -> tuple[Detection, Names]:
-    """Return the test with how far constants had to move without any effect, and what explains the gap then.
+    """Return the test with how far constants had to move without any effect, and the likeliest explanation then.
 
-    An effect beside which the machine is as drawn takes over from them. Another that is likeliest does not, where
-    nothing but the constants shows a gap.
+    That is the effect if constants stay within their tolerances beside it, or if there is a gap whatever the constants
+    are. If they have to leave their tolerances with the effect too, and nothing else shows a gap, it is none of the
+    effects.
     """
 
     def deviations(fit: Fit) -> list[float]:

@@ -426,8 +426,9 @@ class _Search:
     def _beside_scatter(self, fit: Fit) -> Fit:
         """Return the constants fitted by least squares beside scatter and their tolerances, from a fit on.
 
-        A gap that is large counts as the simulator's own error, and tolerances then hold the constants back: a servo
-        whose stiffness is off by 8 standard deviations stays at 2, at 55 nats, where there are 32 at 8.
+        A gap that is large counts as the simulator's own error, and tolerances then hold the constants back. With a
+        servo's stiffness off by 8 standard deviations, the fit beside that error ended at 2, with a cost of 55 nats; at
+        8 it is 32.
         """
         machine, difference, signatures = self._rough, self._error.difference, self._rough.signatures()
         for _ in range(self._constants.calibration_steps):

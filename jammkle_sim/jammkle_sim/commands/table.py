@@ -261,7 +261,7 @@ def _read(path: Path, source: str) -> RunSheet | dict[str, Any]:
         msg = f"{source} cannot be read: {error.strerror or error}"
         raise InputError(msg) from error
     except UnicodeDecodeError as error:
-        msg = f"{source} is no text; give a file of YAML, or the folder of a bag"
+        msg = f"{source} is no text; give a YAML file, or the folder of a bag"
         raise InputError(msg) from error
     if sheet == RunSheet():
         msg = f"{source} is a bag without a run sheet; give a file of options"
