@@ -87,7 +87,7 @@ def test_csv_holds_the_same(tmp_path: Path, recorded: robot_arm.Samples) -> None
 def test_csv_has_each_column_once(tmp_path: Path, recorded: robot_arm.Samples) -> None:
     """Of two columns of one name nobody knows which counts."""
     file = robot_arm.write_csv(tmp_path / "run.csv", {**recorded, " elbow.position": recorded["yaw.position"]})
-    with pytest.raises(BadRecordingError, match=r"elbow\.position stands there twice"):
+    with pytest.raises(BadRecordingError, match=r"elbow\.position is there more than once"):
         run_of_csv(file)
 
 

@@ -365,7 +365,7 @@ def test_a_run_is_repeated_from_its_bag_or_run_sheet(tmp_path: Path, pull: Bag, 
         ("rig: [1]", ": rig is '[1]', which does not exist; there are tensile,"),
         ("robot: biped", ": robot is 'biped', which does not exist; there are leg, quadruped"),
         ("a: [", " is not YAML"),
-        ("\x80", " is no text; give a file of YAML, or the folder of a bag"),
+        ("\x80", " is no text; give a YAML file, or the folder of a bag"),
     ],
 )
 def test_a_bad_file_gets_one_line(

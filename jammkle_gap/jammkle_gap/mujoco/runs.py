@@ -487,7 +487,7 @@ def run_of_csv(path: Path) -> Run:
             raise BadRecordingError(msg)
         names = [each.strip() for each in rows[0]]
         if twice := sorted(name for name, count in Counter(names).items() if name and count > 1):
-            msg = f"{', '.join(twice)} stand{'s' if len(twice) == 1 else ''} there twice"
+            msg = f"{', '.join(twice)} {'is' if len(twice) == 1 else 'are'} there more than once"
             raise ValueError(msg)  # noqa: TRY301 - said as the others are
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:] if row])
         columns = dict(zip(names, table.T, strict=True))
