@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from jammkle_gap import BadRecordingError, Recording, Signal
-from jammkle_gap.core.features import aligned_s, features_of, layout_of, measured, noise_of, stuck_in
+from jammkle_gap.core.features import (
+    aligned_s,
+    features_of,
+    layout_of,
+    measured,
+    noise_of,
+    refuse_unknown_noise,
+    stuck_in,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -232,4 +240,4 @@ def test_a_signal_that_never_changes_is_as_noisy_as_others_in_its_unit() -> None
     declared = [dataclasses.replace(run, signals=(noisy, dataclasses.replace(still, noise=0.001)))]
     assert stuck_in(declared) == ()
     with pytest.raises(BadRecordingError, match=r"still never changes .* in N .* declare its noise"):
-        layout_of([Recording("run", (still,))], 0.02, None)
+        refuse_unknown_noise([Recording("run", (still,))])

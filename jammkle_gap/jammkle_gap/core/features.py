@@ -166,7 +166,7 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
         alignment: Finds events; without one every signal is taken by the clock.
 
     Raises:
-        BadRecordingError: they have no signal in common, or hardly overlap, or the noise of one is unknown.
+        BadRecordingError: they have no signal in common, or hardly overlap.
 
     """
     signals = _shared_signals(recordings)
@@ -198,14 +198,10 @@ def layout_of(recordings: Sequence[Recording], bin_s: float, alignment: Alignmen
             read = each.signal(signal.name)
             runs.append((aligned_s(read.time_s, asked, events, event_s), read))
         floors[signal.name] = _floor(runs, bin_s, bins)
-    units = {each.name: each.unit for each in signals}
-    for name in stuck_in(recordings):
-        others = [floors[other] for other in units if units[other] == units[name] and other not in stuck_in(recordings)]
-        if not others:
-            msg = f"{name} never changes in {', '.join(each.name for each in recordings)}, and no other signal in "
-            msg += f"{units[name]} does, so that its noise is unknown; declare its noise or its resolution"
-            raise BadRecordingError(msg)
-        floors[name] = np.max(others, axis=0)
+    units, stuck = {each.name: each.unit for each in signals}, stuck_in(recordings)
+    for name in stuck:
+        others = [floors[other] for other in units if units[other] == units[name] and other not in stuck]
+        floors[name] = np.max([floors[name], *others], axis=0)
     floor = np.concatenate([*floors.values(), np.full(len(event_s), EVENT_NOISE_S)])
     return Layout(tuple(units), tuple(units.values()), bin_s, bins, event_s, floor)
 
@@ -235,13 +231,32 @@ def stuck_in(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return signals that never change, and of which neither noise nor resolution is declared.
 
     How accurate such a reading is nobody knows, and without any noise it would decide everything. It is taken to be as
-    noisy as the noisiest signal in its unit.
+    noisy as the noisiest signal in its unit; `refuse_unknown_noise` refuses it where there is none.
     """
-    return tuple(
-        name
-        for name in _common(recordings)
-        if not any(noise_of(own := each.signal(name)) != (0.0, 0.0) or np.ptp(own.values) > 0.0 for each in recordings)
-    )
+
+    def says(signal: Signal) -> bool:
+        return signal.noise > 0.0 or signal.resolution > 0.0 or np.ptp(signal.values) > 0.0
+
+    return tuple(name for name in _common(recordings) if not any(says(each.signal(name)) for each in recordings))
+
+
+def refuse_unknown_noise(recordings: Sequence[Recording]) -> None:
+    """Refuse runs of a setting with a signal of which nothing says how noisy it is.
+
+    Raises:
+        BadRecordingError: as said.
+
+    """
+    stuck = stuck_in(recordings)
+    units = {each.unit for each in recordings[0].signals if each.name not in stuck}
+    for name in stuck:
+        unit = recordings[0].signal(name).unit
+        if unit not in units:
+            msg = (
+                f"{name} never changes in {', '.join(each.name for each in recordings)}, and no other signal in {unit} "
+            )
+            msg += "does, so that its noise is unknown; declare its noise or its resolution"
+            raise BadRecordingError(msg)
 
 
 def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bins: int) -> NDArray[np.float64]:

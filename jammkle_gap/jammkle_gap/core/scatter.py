@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jammkle_gap.core.data import BadRecordingError
-from jammkle_gap.core.features import features_of, layout_of, measured
+from jammkle_gap.core.features import features_of, layout_of, measured, refuse_unknown_noise
 from jammkle_gap.core.simulate import Task, UnrunnableError
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def settings_of(
     """Group runs by their setting; those that name none are by themselves.
 
     Raises:
-        BadRecordingError: runs of a setting do not overlap, or have no signal in common.
+        BadRecordingError: runs of a setting do not overlap, or have no signal in common; the noise of one is unknown.
 
     """
     groups: dict[str, tuple[list[Recording], list[Recording]]] = {}
@@ -234,6 +234,7 @@ def settings_of(
             groups[each.setting][1].append(each)
     found = []
     for name, (faulty, healthy) in groups.items():
+        refuse_unknown_noise([*faulty, *healthy])
         layout = layout_of([*faulty, *healthy], problem.bin_s(faulty[0]), problem.alignment)
         first, second = (
             np.array([features_of(layout, each, measured(each), problem.alignment) for each in runs]).reshape(
