@@ -235,7 +235,7 @@ def stuck_in(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """
 
     def says(signal: Signal) -> bool:
-        return signal.noise > 0.0 or signal.resolution > 0.0 or np.ptp(signal.values) > 0.0
+        return signal.noise > 0.0 or signal.resolution > 0.0 or bool(np.ptp(signal.values) > 0.0)
 
     return tuple(name for name in _common(recordings) if not any(says(each.signal(name)) for each in recordings))
 
