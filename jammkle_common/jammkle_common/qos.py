@@ -138,10 +138,21 @@ def subscribe_to_changes(node: Node, message_type: type, topic: Topic, callback:
         if info.sent_ns > latest_ns:
             take(message, info)
 
-    latched = _profile(Delivery(1, reliable=True, latched=True))
-    silent = SubscriptionEventCallbacks(use_default_callbacks=False)
-    node.create_subscription(message_type, topic.name, with_info(take), subscriber_qos(topic))
-    node.create_subscription(message_type, topic.name, with_info(take_latched), latched, event_callbacks=silent)
+    subscribed_to_latched = False
+
+    def on_match(matched: Any) -> None:
+        # Only once somebody latches: other publishers would log that no messages will be sent to this subscription.
+        nonlocal subscribed_to_latched
+        offered = [end.qos_profile.durability for end in node.get_publishers_info_by_topic(topic.name)]
+        is_latched = DurabilityPolicy.TRANSIENT_LOCAL in offered or len(offered) < matched.current_count
+        if is_latched and not subscribed_to_latched:
+            subscribed_to_latched = True
+            latched = _profile(Delivery(1, reliable=True, latched=True))
+            silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+            node.create_subscription(message_type, topic.name, with_info(take_latched), latched, event_callbacks=silent)
+
+    events = SubscriptionEventCallbacks(matched=on_match)
+    node.create_subscription(message_type, topic.name, with_info(take), subscriber_qos(topic), event_callbacks=events)
 
 
 def _read(info: Mapping[str, int | None]) -> MessageInfo:

@@ -9,6 +9,7 @@ import pytest
 from controller_bench import GRAVITY_M_S2, INTERVAL_S, LANDED_AT_S, LEG_URDF
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 
@@ -46,7 +47,13 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
     assert "none" in bench.health["inputs"].message
     assert "a step is not felt on the body" in bench.health["inputs"].message
     assert "not felt on the body: lift-off of a step" in {each.key for each in bench.health["imu"].values}
-    switch = bench.node.create_publisher(Bool, FOOT_CONTACT.name, publisher_qos(FOOT_CONTACT))
+    incompatible: list[object] = []
+    switch = bench.node.create_publisher(
+        Bool,
+        FOOT_CONTACT.name,
+        publisher_qos(FOOT_CONTACT),
+        event_callbacks=PublisherEventCallbacks(incompatible_qos=incompatible.append),
+    )
     bench.spin_until(lambda: switch.get_subscription_count() > 0, "the controller receives the switch")
 
     def closed_and_named() -> bool:
@@ -55,6 +62,7 @@ def test_other_inputs_are_named_and_vent(make_bench: Callable[..., Bench]) -> No
 
     bench.spin_until(closed_and_named, "the switch is named")
     assert "not felt" not in bench.health["inputs"].message
+    assert not incompatible, "else rclpy warns whoever publishes that no messages will be sent"
     switch.publish(Bool(data=False))
     bench.spin_until(lambda: bench.set_points_pa() == dict.fromkeys(CHANNELS, 0.0), "the ankle is vented")
     bench.spin_until(lambda: bench.events[-1].source == "contact switch", "the lift-off is reported")
