@@ -35,9 +35,19 @@ LEAVING = OBEDIENT.replace("sys.exit(0)", "(print('leaving', flush=True), sys.ex
 STUBBORN = """
 import signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
+signal.signal(signal.SIGABRT, signal.SIG_IGN)
 print("ready", flush=True)
 while True:
     time.sleep(0.05)
+"""
+HUNG = """
+import faulthandler, signal, time
+faulthandler.enable()
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+def hang_here():
+    print("ready", flush=True)
+    time.sleep(600)
+hang_here()
 """
 DYING = """
 import sys
@@ -193,6 +203,15 @@ def test_a_stubborn_process_is_killed_and_named() -> None:
         (bad,) = supervisor.stop()
     assert (bad.name, bad.exit_code) == ("stubborn", -signal.SIGKILL)
     assert not runs(process_id)
+
+
+def test_a_process_that_hangs_says_where() -> None:
+    """Python's stacks are handed on before it is killed, if it has asked for them."""
+    with supervised(dataclasses.replace(spec("hung", HUNG), stop_timeout_s=0.2)) as (supervisor, lines):
+        (bad,) = supervisor.stop()
+    assert (bad.name, bad.exit_code) == ("hung", -signal.SIGABRT)
+    assert bad.text() == "hung died with signal SIGABRT; where it was stands above"
+    assert any("in hang_here" in line for _, line in lines.all)
 
 
 def test_a_process_that_waits_for_a_core_is_waited_for() -> None:

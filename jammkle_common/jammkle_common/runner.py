@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
@@ -57,6 +58,7 @@ def run(*makers: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         The exit code: 0 after a signal, 2 after bad input, which was explained in one line on stderr.
 
     """
+    faulthandler.enable()  # says where a process was that crashed in a library, or hung and was aborted
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop.stop)

@@ -30,8 +30,12 @@ LAST_WORDS_S = 5.0
 """What a process said longer than this before its end, s, is not about it: an error of an hour ago may be long cleared.
 Chosen: a traceback comes milliseconds before, and who hangs before it ends does so for a few seconds."""
 
+_STACKS_END = ("  File ", "Extension modules: ")
+"""How the last line of what faulthandler writes begins: the outermost call, or the modules that are not Python's."""
 _KEPT_LINES = 5
 _READER_TIMEOUT_S = 1.0
+_LAST_WORDS_TIMEOUT_S = 2.0
+"""How long a process that hangs may take to say where. Chosen: writing that takes milliseconds."""
 _LOOK_PERIOD_S = 0.1
 
 
@@ -66,6 +70,8 @@ class Death:
     def text(self) -> str:
         """Return one line for people: who, how, and the last thing it said, where that was at its end."""
         said = f"; it said: {self.last_lines[-1]}" if self.last_lines else ""
+        if self.last_lines and self.last_lines[-1].startswith(_STACKS_END):
+            said = "; where it was stands above"
         return f"{self.name} died with {exit_text(self.exit_code)}{said}"
 
 
@@ -159,7 +165,7 @@ class _Child:
             self.process.terminate()
 
     def wait_or_kill(self) -> None:
-        """Wait for what was asked to end; at last send SIGKILL to its session."""
+        """Wait for what was asked to end; at last end it and its session by force."""
         while self.process.poll() is None:
             has, limit_s = _CoreTime.of(self.process.pid), self.spec.stop_timeout_s
             waited_s = has.waited_s - self._had.waited_s
@@ -168,9 +174,17 @@ class _Child:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self.process.wait(max(left_s, _LOOK_PERIOD_S))
             else:
-                os.killpg(self.process.pid, signal.SIGKILL)
-                self.process.wait()
+                self._kill()
         self._read_to_the_end()
+
+    def _kill(self) -> None:
+        """End what hangs: first by SIGABRT, upon which Python says where each thread is (faulthandler)."""
+        self.process.send_signal(signal.SIGABRT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(_LAST_WORDS_TIMEOUT_S)
+        with contextlib.suppress(ProcessLookupError):  # nothing of its session is left
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
 
     def _read_to_the_end(self) -> None:
         """Hand on what the ended process said last; a process of its own that outlives it may hold the line open."""
