@@ -21,6 +21,7 @@ for _library in ("OPENBLAS", "OMP", "MKL"):  # read as they are loaded, also by 
 # Else pytest's importlib mode takes the folder of the same name around a package instead. What is not built is left
 # out: `colcon test` may see no more than one package and what that depends on.
 for _package in (
+    "jammkle_common",
     "jammkle_msgs",
     "jammkle_driver",
     "jammkle_controller",

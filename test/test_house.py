@@ -185,6 +185,13 @@ def test_the_arrows_point_one_way(module: str) -> None:
             assert not strangers, f"{path.relative_to(ROOT)} imports {strangers}"
 
 
+def test_the_tests_of_each_package_run_alone() -> None:
+    """Every package is imported before pytest meets the folder of the same name around it."""
+    code = f"import conftest, sys; print(*(set({PACKAGES}) - set(sys.modules)))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert result.stdout.split() == []
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_package_reaches_into_the_verbs_or_pages_of_another(package: str) -> None:
     """Verbs are found by entry points; of the diagnosis others use what it offers, and nothing inside it."""
