@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from jammkle_common.command import main as command
 from jammkle_common.command import options, results
+from jammkle_common.command.errors import GraphError, InputError
 
 
 def test_a_pipe_cuts_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,3 +57,25 @@ def test_notes_of_another_process_are_kept_for_it(capsys: pytest.CaptureFixture[
     for line in kept:
         results.note(line)
     assert capsys.readouterr().err == "jammkle: note: a bag lacks a topic\n"
+
+
+def test_a_file_that_may_not_be_written_is_refused_before_the_work(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A new file in a folder without permission, and an old one without; the same folder is no matter to the latter."""
+    old = tmp_path / "old.json"
+    old.touch()
+    results.check_writable(tmp_path / "new.json")
+    monkeypatch.setattr(os, "access", lambda path, _mode: Path(path) != tmp_path)  # a superuser may write anywhere
+    results.check_writable(old)
+    with pytest.raises(InputError, match=r"--json .*new.json cannot be written: there is no permission"):
+        results.check_writable(tmp_path / "new.json")
+    monkeypatch.setattr(os, "access", lambda path, _mode: Path(path) != old)
+    with pytest.raises(InputError, match=r"--json .*old.json cannot be written: there is no permission"):
+        results.check_writable(old)
+
+
+def test_a_full_disk_behind_json_is_a_failure() -> None:
+    """What was asked for was right, and could not be done: exit code 1, as for a full disk behind stdout."""
+    with pytest.raises(GraphError, match="--json /dev/full cannot be written: No space left on device"):
+        results.write_json(Path("/dev/full"), {"answer": 42})

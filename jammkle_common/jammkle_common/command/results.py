@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shlex
 import sys
 from contextvars import ContextVar
@@ -17,7 +18,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from jammkle_common import VERSION
-from jammkle_common.command.errors import InputError
+from jammkle_common.command.errors import GraphError, InputError
 from jammkle_common.names import ACHILLES, PERONEAL_LEFT, PERONEAL_RIGHT
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
     """Write results for machines, if a file was asked for; `-` is stdout.
 
     Raises:
-        InputError: the file cannot be written.
+        GraphError: the file cannot be written.
 
     """
     if path is None:
@@ -83,7 +84,7 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         msg = f"--json {path} cannot be written: {error.strerror}"
-        raise InputError(msg) from error
+        raise GraphError(msg) from error
 
 
 def say(text: str) -> None:
@@ -140,7 +141,7 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
     """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 
     Raises:
-        InputError: its folder does not exist, or it is a folder.
+        InputError: its folder does not exist, it is a folder, or nobody lets us write there.
 
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
@@ -151,6 +152,8 @@ def check_writable(path: Path | None, option: str = "--json") -> None:
             why = "it is a folder"
         elif not path.absolute().parent.is_dir():
             why = f"there is no folder {path.absolute().parent}"
+        elif not os.access(path if path.exists() else path.absolute().parent, os.W_OK):
+            why = "there is no permission to write it"
     except OSError as error:
         why = error.strerror or str(error)
     if why:
