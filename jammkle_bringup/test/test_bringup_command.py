@@ -129,6 +129,7 @@ def test_help_loads_neither_ros_nor_the_number_crunchers() -> None:
         ("rig sled -o {folder}/bag", ("sled",)),
         ("rig tensile", ("--output", "--save-mjcf")),
         ("rig tensile -o {folder}", ("{folder}", "exists")),
+        ("rig tensile -o {folder}/text.yaml/bag", ("{folder}/text.yaml/bag cannot be made", "is no folder")),
         ("rig tensile -o {folder}/bag --material a50", ("--material", "a50", "multi, a30, a85")),
         ("rig tensile -o {folder}/bag --vacuum-kpa 1e3", ("--vacuum-kpa is 1000", "0 to 75 kPa")),
         ("rig tensile -o {folder}/bag --vacuum-kpa nan", ("--vacuum-kpa", "nan")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from jammkle_common.command.errors import InputError
 from jammkle_common.command.main import main
 from jammkle_common.names import CHANNELS, PRESSURES, SOLENOIDS, TOPICS
 from jammkle_common.parameters import option_name, rows, typed_row
+from jammkle_sim.commands.rig import run_repeats
 from jammkle_sim.commands.table import options_in
 from jammkle_sim.rigs.catalogue import RIGS
 from jammkle_sim.robots.options import RobotRunOptions
@@ -233,6 +235,20 @@ def test_repeats_differ_and_seeds_repeat(tmp_path: Path) -> None:
     assert first.data == again.data
     assert first.data["/load_cell/wrench"] != other.data["/load_cell/wrench"]
     assert not (tmp_path / "first").exists()
+
+
+def test_a_bag_that_can_not_be_made_is_refused_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file in place of a folder, and a folder without permission: a run of minutes would be lost for it."""
+    monkeypatch.setitem(run_repeats.__globals__, "run_rig", lambda *_: pytest.fail("it was run"))
+    file = tmp_path / "file"
+    file.touch()
+    assert main(["rig", "drop", "-o", str(file / "bag")]) == 2
+    assert f"bag {file / 'bag'} cannot be made: {file} is no folder" in capsys.readouterr().err
+    monkeypatch.setattr(os, "access", lambda path, _mode: path != tmp_path)  # a superuser may write anywhere
+    assert main(["rig", "drop", "-o", str(tmp_path / "new" / "bag")]) == 2
+    assert f"there is no permission to write into {tmp_path}" in capsys.readouterr().err
 
 
 def test_the_model_is_written_for_the_viewer(tmp_path: Path) -> None:

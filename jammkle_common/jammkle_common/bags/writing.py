@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -74,7 +75,7 @@ class BagLog:
             lock(self._storage.bio)
             self._write_metadata()
         except (OSError, WriterError) as error:
-            msg = f"bag {path} cannot be made: {error}"
+            msg = f"bag {path} cannot be made: {getattr(error, 'strerror', None) or error}"
             raise InputError(msg) from error
 
     def add_topic(self, topic: str, message_type: str, offered: Callable[[], Sequence[Qos]]) -> None:
@@ -203,19 +204,24 @@ class BagLog:
 
 
 def check_free(path: Path) -> None:
-    """Refuse a bag path that exists; nothing is ever written over.
+    """Refuse a bag path that exists, as nothing is ever written over, or one at which no folder can be made.
 
     Raises:
-        InputError: it exists, or cannot be looked at.
+        InputError: it exists, cannot be looked at, or may not be made where it is to be.
 
     """
     try:
         exists = path.exists()
+        above = next(each for each in path.absolute().parents if each.exists())
     except OSError as error:  # a name too long, a folder that may not be looked into
         msg = f"bag {path} cannot be made: {error.strerror}"
         raise InputError(msg) from error
     if exists:
         msg = f"bag path {path} exists: nothing is overwritten; choose another one or move it away"
+        raise InputError(msg)
+    if not above.is_dir() or not os.access(above, os.W_OK):
+        why = f"there is no permission to write into {above}" if above.is_dir() else f"{above} is no folder"
+        msg = f"bag {path} cannot be made: {why}"
         raise InputError(msg)
 
 
