@@ -8,6 +8,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -187,6 +188,20 @@ def test_pictures_are_not_overwritten(bag: Path, tmp_path: Path, capsys: pytest.
     assert main(call) == 2
     assert "holds run.html: nothing is overwritten" in capsys.readouterr().err
     assert (tmp_path / "out" / "run.html").stat().st_mtime_ns == before
+
+
+def test_a_page_without_a_panel_is_not_written(
+    bag_maker: Callable[[str], Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot's joints alone are drawn nowhere: the line says what is, and how the rest is read."""
+    maker = bag_maker("joints")
+    joints = (["ankle_pitch"], *(np.array([value]) for value in (0.1, 0.0, 0.0)))
+    maker.write("/joint_states", 1.0, maker.make("sensor_msgs/msg/JointState", maker.header(1.0), *joints))
+    assert main(["plot", str(maker.close()), "-o", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "holds nothing in namespace / that is drawn, such as imu/data" in line
+    assert "jammkle export" in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_page_needs_no_network(bag: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from plotly.subplots import make_subplots  # type: ignore[import-untyped]  # car
 from jammkle_bringup.core.bag_info import constant_name
 from jammkle_common.bags.reading import name_of, opened
 from jammkle_common.bags.times import BagTimes
-from jammkle_common.command.errors import Interrupted
+from jammkle_common.command.errors import InputError, Interrupted
 from jammkle_common.command.results import EVENT_COLOURS, LINE_COLOURS, STATE_COLOURS
 from jammkle_common.constants import NANOSECONDS_PER_SECOND, STANDARD_ATMOSPHERE_PA
 from jammkle_common.names import (
@@ -111,7 +111,7 @@ def run_picture(
     The share that was read, 0 to 1, is reported now and then, and it is asked whether to stop.
 
     Raises:
-        InputError: it cannot be read, holds nothing of an ankle, or several ankles and none is chosen.
+        InputError: it cannot be read, holds nothing that is drawn, or several ankles and none is chosen.
         Interrupted: it was stopped.
 
     """
@@ -134,10 +134,15 @@ def run_picture(
                 if stop():
                     raise Interrupted
     duration_s = ((end_ns or 0) - (start_ns or 0)) / NANOSECONDS_PER_SECOND
+    panels = tuple(_panels(samples, duration_s))
+    if not panels:
+        msg = f"bag {name_of(path)} holds nothing in namespace {namespace} that is drawn, such as {IMU.name}, "
+        msg += f"{TENDON_STATES.name} or pressures; `jammkle export` writes what it holds as tables"
+        raise InputError(msg)
     return RunPicture(
         title=f"{name_of(path)}, {namespace}: {duration_s:.1f} s",
         duration_s=duration_s,
-        panels=tuple(_panels(samples, duration_s)),
+        panels=panels,
         loops=_loops(samples),
         marks=tuple((time_s, name) for time_s, (name, _) in samples.events.kept),
         note=_cut_note(samples),
@@ -493,7 +498,7 @@ def _cut_note(samples: RunSamples) -> str:
 
 def _over_time(picture: RunPicture) -> go.Figure:
     panels, legends = picture.panels, {}
-    figure = make_subplots(rows=max(1, len(panels)), cols=1, shared_xaxes=True, vertical_spacing=0.02)
+    figure = make_subplots(rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.02)
     for row, panel in enumerate(panels, start=1):
         legend = "legend" if row == 1 else f"legend{row}"
         for trace in panel.traces:
@@ -504,11 +509,10 @@ def _over_time(picture: RunPicture) -> go.Figure:
             _add_marks(figure, picture, row)
         top = figure.layout[f"yaxis{row if row > 1 else ''}"].domain[1]
         legends[legend] = {"y": top, "yanchor": "top", "x": 1.01}
-    if panels:
-        figure.update_xaxes(title_text=panels[-1].x_label, row=len(panels), col=1)
-        figure.update_xaxes(range=[0.0, max(picture.duration_s, LEAST_S)])
+    figure.update_xaxes(title_text=panels[-1].x_label, row=len(panels), col=1)
+    figure.update_xaxes(range=[0.0, max(picture.duration_s, LEAST_S)])
     figure.update_layout(
-        height=_PANEL_PX * max(1, len(panels)) + 80,
+        height=_PANEL_PX * len(panels) + 80,
         margin={"t": 30},
         barmode="overlay",
         template="plotly_white",
