@@ -105,6 +105,7 @@ class Measured:
             for place, topic in topics.items()
         }
         self._taken = node.create_publisher(ActuatorStates, ACTUATOR_STATES.name, publisher_qos(ACTUATOR_STATES))
+        self._closed = False
 
     def publish(
         self,
@@ -115,7 +116,7 @@ class Measured:
         at_s: float | None = None,
         timely: bool = True,
     ) -> None:
-        """Publish and hand over what was measured; to be called from the node's own thread.
+        """Publish and hand over what was measured; to be called from the node's own thread. Once closed: nothing.
 
         Args:
             pressures_pa: Readings by place, Pa absolute; one that is not finite is not published.
@@ -125,6 +126,8 @@ class Measured:
             timely: Whether that is as sure as usual: else it is no evidence of a fault.
 
         """
+        if self._closed:  # rclpy calls a timer that is destroyed once more, where it was due just then
+            return
         node = self._context.node
         now, steady_s = node.get_clock().now(), seconds(self._steady.now())
         if at_s is not None:
@@ -144,7 +147,7 @@ class Measured:
         """Destroy the publishers."""
         for publisher in (*self._pressures.values(), self._taken):
             self._context.node.destroy_publisher(publisher)
-        self._pressures.clear()
+        self._closed = True
 
 
 _CONNECTED = LinkStatus(LinkState.CONNECTED, "topics of the simulation")

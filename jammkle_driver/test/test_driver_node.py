@@ -32,6 +32,7 @@ from jammkle_common.messages import Level
 from jammkle_common.parameters import ParameterError
 from jammkle_common.qos import publisher_qos, subscriber_qos
 from jammkle_driver.fake import FakeFault
+from jammkle_driver.hardware import FakeHardware
 from jammkle_driver.node import DriverNode
 from jammkle_msgs.msg import ChannelJamCommand, ChannelJamState, Fault, JamCommand, JamState
 from jammkle_msgs.srv import Jam, Unjam
@@ -109,6 +110,15 @@ def test_lifecycle_rounds_release_and_answer(graph: Graph) -> None:
         assert graph.transition(Transition.TRANSITION_CLEANUP)
         graph.spin_until(lambda: not graph.node.get_publishers_info_by_topic(names.JAM_STATE.name))
         assert not [service for service in driver.services if service.service_name.endswith(names.JAM_ALL.suffix)]
+
+
+def test_a_reading_that_is_due_as_the_driver_closes_ends_nothing(graph: Graph) -> None:
+    """Rclpy calls a timer that was due once more after it is destroyed: the driver died with a traceback."""
+    driver = graph.driver(hardware="fake")
+    hardware = driver._hardware
+    assert isinstance(hardware, FakeHardware)
+    assert graph.transition(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    hardware._exchange()
 
 
 def test_a_transition_that_is_not_allowed_is_refused(graph: Graph) -> None:
