@@ -139,7 +139,10 @@ class DriverNode(LockstepNode, LifecycleNode):
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
-    on_shutdown = on_cleanup
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up, and say that there is no way back; not called where the process ends."""
+        self.get_logger().warning("finalized: released, and drives nothing any more; start the process anew")
+        return self.on_cleanup(state)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything and be unconfigured again."""

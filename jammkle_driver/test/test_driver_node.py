@@ -112,6 +112,13 @@ def test_lifecycle_rounds_release_and_answer(graph: Graph) -> None:
         assert not [service for service in driver.services if service.service_name.endswith(names.JAM_ALL.suffix)]
 
 
+def test_a_driver_that_is_finalized_says_so(graph: Graph, capfd: pytest.CaptureFixture[str]) -> None:
+    """Its process lives on without topics, and `jammkle up` shows what it logs alone."""
+    graph.driver()
+    assert graph.transition(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert "drives nothing any more; start the process anew" in capfd.readouterr().err
+
+
 def test_a_reading_that_is_due_as_the_driver_closes_ends_nothing(graph: Graph) -> None:
     """Rclpy calls a timer that was due once more after it is destroyed: the driver died with a traceback."""
     driver = graph.driver(hardware="fake")
