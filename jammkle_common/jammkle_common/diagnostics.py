@@ -218,7 +218,7 @@ class Liveness:
         silent_s = 0.0 if self._node is None else self._node.clock_silent_s
         if silent_s > CLOCK_MISSED_AFTER_S:
             text = f"/clock has not ticked for {silent_s:.0f} s of real time: who makes it is dead or hangs. "
-            text += f"{MEANING[SIM_NODE]}"
+            text += "Watchdogs, and simulations that follow it, stand still"
             if self._node is not None and self._node.knows_time and not self._clock_missed:
                 self._node.get_logger().error(text)  # its maker may be of another command, whose terminal says it
                 self._clock_missed = True

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
 
-from jammkle_common.diagnostics import FAREWELL, Liveness, reporting
+from jammkle_common.diagnostics import CLOCK_MISSED_AFTER_S, FAREWELL, Liveness, reporting
 from jammkle_common.messages import Level
 
 
@@ -92,6 +93,17 @@ def test_a_simulation_misses_the_nodes_of_its_ankles() -> None:
     assert health.message.startswith("lf_ankle/driver is dead or hangs: nobody drives pump and solenoids")
     assert "rf_ankle" not in health.message
     assert "real_ankle" not in "".join(health.values)
+
+
+def test_a_clock_that_stands_is_not_taken_for_a_lost_ankle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its maker may be the simulation of another namespace: the one at hand follows, and its ankle is there."""
+    listener = Listener("/lf_ankle")
+    standing = SimpleNamespace(clock_silent_s=CLOCK_MISSED_AFTER_S + 1.0, knows_time=False)
+    monkeypatch.setattr(listener.liveness, "_node", standing)
+    health = listener.liveness.health()
+    assert health.level is Level.ERROR
+    assert health.message.startswith("/clock has not ticked for 6 s of real time: who makes it is dead or hangs.")
+    assert "no ankle" not in health.message
 
 
 def test_a_recorder_knows_every_ankle_and_is_missed_with_a_warning() -> None:
