@@ -365,7 +365,9 @@ def export(
         raise InputError(msg) from error
     with _whole_or_gone(output, f"a table cannot be written into {output}"), _reading(bag) as show:
         done = write_tables(bag, output, "parquet" if parquet else "csv", rate_hz, show, stop)
-    results.console().print(exported_table(done, output))
+    console = results.console()
+    console.print(f"{output}: time_s counts from ROS time {done.start_s:.9f} s", markup=False)
+    console.print(exported_table(done))
     results.write_json(json, dataclasses.asdict(done))
     return 0
 

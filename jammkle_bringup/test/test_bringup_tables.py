@@ -74,9 +74,12 @@ def bag(bag_maker: Callable[[str], Any]) -> Path:
     return maker.close()
 
 
-def test_each_topic_is_a_table_with_units_in_its_columns(bag: Path, tmp_path: Path) -> None:
+def test_each_topic_is_a_table_with_units_in_its_columns(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Values and stamps are those of the messages; words for constants, no variances, no orientation that is none."""
     assert main(["export", str(bag), "-o", str(tmp_path / "out"), "--json", str(tmp_path / "out.json")]) == 0
+    assert f"{tmp_path / 'out'}: time_s counts from ROS time 10.000000000 s" in capsys.readouterr().out.splitlines()
     written = json.loads((tmp_path / "out.json").read_text())
     assert written["start_s"] == 10.0
     rows = table(tmp_path / "out" / "lf_ankle_imu_data.csv")

@@ -410,10 +410,9 @@ class TimeGrid:
             yield row
 
 
-def exported_table(done: Exported, folder: Path) -> Table:
+def exported_table(done: Exported) -> Table:
     """Return for people what was written."""
-    title = f"{folder}: time_s counts from ROS time {done.start_s:.9f} s"
-    shown = Table("table", title=title, title_justify="left")
+    shown = Table("table")
     for heading in ("rows", "columns"):
         shown.add_column(heading, justify="right")
     for table in done.tables:
