@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.highlevel import AnyReader
 
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
@@ -144,6 +144,45 @@ def test_zeros_of_a_file_system_are_no_part_of_a_message(tmp_path: Path, compres
         found = [(log_ns, message) for _, log_ns, message in contents(path)]
         assert 0 < len(found) <= len(whole)
         assert found == whole[: len(found)]
+
+
+@pytest.mark.parametrize("index_types", [IndexType.ALL, IndexType.CHUNK], ids=["", "without message index"])
+def test_attachments_and_metadata_of_a_torn_file_are_still_found(tmp_path: Path, index_types: IndexType) -> None:
+    """What other recorders put beside the messages, before, between and after the chunks; cut where it was torn."""
+    path, ends = tmp_path / "bag.mcap", []
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=100, index_types=index_types)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/level", "cdr", schema)
+        for number in range(4):
+            writer.add_attachment(number, number, f"map {number}", "text/plain", b"grey" * (1 + number))
+            writer.add_metadata(f"robot {number}", {"serial": str(number)})
+            ends.append(stream.tell())
+            for step in range(10):
+                writer.add_message(channel, 10 * number + step, b"\0\1\0\0" + bytes(8), 0)
+        writer.add_attachment(4, 4, "map 4", "text/plain", b"grey" * 5)
+        writer.add_metadata("robot 4", {"serial": "4"})
+        ends.append(stream.tell())
+        writer.finish()
+    data = path.read_bytes()
+    cuts = [(end - 3, count + 1, count) for count, end in enumerate(ends)]  # in the middle of metadata
+    cuts += [(end, count, count) for count, end in enumerate(ends, 1)] + [(len(data) - 9, 5, 5)]
+    for cut, attachments, metadata in cuts:
+        path.write_bytes(data[:cut])
+        recover(path, lambda _: None)
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            assert [(each.name, each.data) for each in reader.iter_attachments()] == [
+                (f"map {number}", b"grey" * (1 + number)) for number in range(attachments)
+            ]
+            assert [(each.name, each.metadata) for each in reader.iter_metadata()] == [
+                (f"robot {number}", {"serial": str(number)}) for number in range(metadata)
+            ]
+            summary = reader.get_summary()
+            assert summary is not None
+            counted = summary.statistics
+            assert (counted.attachment_count, counted.metadata_count) == (attachments, metadata)
 
 
 def test_a_torn_chunk_that_is_compressed_is_left_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

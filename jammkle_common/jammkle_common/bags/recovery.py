@@ -15,7 +15,21 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, MessageIndex, Schema, Statistics, SummaryOffset
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.stream_reader import get_chunk_data_stream
 
 from jammkle_common.bags.contents import (
@@ -311,6 +325,8 @@ class DataSection:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[WrittenChunk] = field(default_factory=list)
     """In the order of the file."""
+    attachments: list[AttachmentIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
     torn_chunk: bytes = b""
     """What the last chunk begins with so that it holds its whole records alone; empty: it is not torn."""
     given_up_bytes: int = 0
@@ -327,6 +343,8 @@ class DataSection:
         """Let the data end before the last chunk; return how many messages that costs."""
         dropped = self.chunks.pop()
         self.end, self.whole = dropped.index.chunk_start_offset, False
+        self.attachments = [each for each in self.attachments if each.offset < self.end]
+        self.metadata = [each for each in self.metadata if each.offset < self.end]
         return sum(dropped.counts.values())
 
     def span_ns(self) -> tuple[int, int]:
@@ -434,6 +452,14 @@ def _take(section: DataSection, opcode: int, body: bytes, start: int) -> None:
         index.message_index_length += HEAD.size + len(body)
     elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
         _know(section, opcode, body)
+    elif opcode == Opcode.ATTACHMENT:
+        kept = Attachment.read(ReadDataStream(BytesIO(body)))
+        times_ns, size = (kept.log_time, kept.create_time), len(kept.data)
+        length = HEAD.size + len(body)
+        section.attachments.append(AttachmentIndex(start, length, *times_ns, size, kept.name, kept.media_type))
+    elif opcode == Opcode.METADATA:
+        name = Metadata.read(ReadDataStream(BytesIO(body))).name
+        section.metadata.append(MetadataIndex(start, HEAD.size + len(body), name))
     elif opcode == Opcode.MESSAGE:
         msg = "its messages are not in chunks"
         raise InputError(msg)
@@ -518,11 +544,13 @@ def complete(stream: BinaryIO, section: DataSection) -> int:
 
 
 def _missing_indexes(stream: BinaryIO, section: DataSection) -> bytes:
-    """Return the index records of the last chunk where they were torn off; the file is cut after that chunk."""
+    """Return the index records of the last chunk where they were torn off; the file is cut after that chunk then."""
     if not section.chunks:
         return b""
     last = section.chunks[-1]
-    if set(last.index.message_index_offsets) == set(last.counts):
+    indexed_to = last.index.chunk_start_offset + last.index.chunk_length + last.index.message_index_length
+    # What follows was written after the indexes, of a recorder that writes any.
+    if set(last.index.message_index_offsets) == set(last.counts) or section.end > indexed_to:
         return b""
     stream.seek(last.index.chunk_start_offset + HEAD.size)
     chunk = Chunk.read(ReadDataStream(stream))
@@ -547,14 +575,14 @@ def _ending(section: DataSection, begin: int) -> bytes:
     """Return what stands from `begin` on: end of the data, summary, footer."""
     counts, (first_ns, last_ns) = section.counts(), section.span_ns()
     statistics = Statistics(
-        attachment_count=0,
+        attachment_count=len(section.attachments),
         channel_count=len(section.channels),
         channel_message_counts=dict(counts),
         chunk_count=len(section.chunks),
         message_count=counts.total(),
         message_end_time=last_ns,
         message_start_time=first_ns,
-        metadata_count=0,
+        metadata_count=len(section.metadata),
         schema_count=len(section.schemas),
     )
     groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
@@ -562,6 +590,8 @@ def _ending(section: DataSection, begin: int) -> bytes:
         (Opcode.CHANNEL, list(section.channels.values())),
         (Opcode.STATISTICS, [statistics]),
         (Opcode.CHUNK_INDEX, [chunk.index for chunk in section.chunks]),
+        (Opcode.ATTACHMENT_INDEX, section.attachments),
+        (Opcode.METADATA_INDEX, section.metadata),
     )
     builder = RecordBuilder()
     DataEnd(data_section_crc=0).write(builder)
