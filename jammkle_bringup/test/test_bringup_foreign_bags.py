@@ -22,6 +22,8 @@ from jammkle_common.bags.storage import zstd
 from jammkle_common.command.errors import Interrupted
 from jammkle_common.command.main import main
 from jammkle_common.names import JAM_STATE, published
+from jammkle_gap.ankle.bag import read_bag
+from jammkle_gap.core.data import BadRecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -238,15 +240,15 @@ def _broken_metadata(bag: Path) -> Path:
     return bag
 
 
-def _ros1(bag: Path, *, relative: bool = False, odd: Sequence[str] = ()) -> Path:
+def _ros1(bag: Path, *, relative: bool = False, odd: Sequence[str] = (), rows: Sequence[Row] = tuple(ROWS)) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
     path = bag.with_suffix(".bag")
     with Ros1Writer(path) as writer:
         connections = {
             row.topic: writer.add_connection(row.topic[relative:], row.kind, typestore=store)
-            for row in {row.topic: row for row in ROWS}.values()
+            for row in {row.topic: row for row in rows}.values()
         }
-        for row in ROWS:
+        for row in rows:
             message: Any = STORE.deserialize_cdr(row.data, row.kind)
             if hasattr(message, "header"):
                 stamp = store.types["builtin_interfaces/msg/Time"](*divmod(row.log_ns, 10**9))
@@ -499,6 +501,51 @@ def test_a_clock_that_was_set_makes_no_rows_of_years(tmp_path: Path, capsys: pyt
         times_s = [float(row["time_s"]) for row in csv.DictReader(file)]
     assert len(times_s) == pytest.approx(60, abs=3)
     assert times_s[-1] == pytest.approx(3 * YEAR_NS * 1e-9 + 0.29, abs=0.02)
+
+
+SET_BACK: dict[str, Callable[[Path, list[Row]], object]] = {
+    "MCAP": lambda bag, rows: write_mcap(bag / "a.mcap", rows),
+    "MCAP without message index": lambda bag, rows: write_mcap(bag / "a.mcap", rows, index_types=IndexType.CHUNK),
+    "MCAP without chunks": lambda bag, rows: write_mcap(bag / "a.mcap", rows, use_chunking=False),
+    "SQLite": lambda bag, rows: write_sqlite(bag / "a.db3", rows, old=False),
+    "ROS 1": lambda bag, rows: _ros1(bag, rows=rows),
+    "split": lambda bag, rows: [
+        write_mcap(bag / name, part) for name, part in (("b.mcap", rows[:600]), ("a.mcap", rows[600:]))
+    ],
+}
+
+
+@pytest.mark.parametrize("kind", SET_BACK)
+@pytest.mark.parametrize("by_s", [3.0, 0.5])
+def test_a_clock_that_was_set_back_is_noticed(
+    kind: str, by_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Log and stamps go back while it is recorded, by less than that lasts: in one order by log nothing shows it."""
+    rows = [
+        make(START_NS + step * 10**7 - (step >= 300) * round(by_s * 1e9)) for step in range(600) for make in (imu, duty)
+    ]
+    SET_BACK[kind](tmp_path / "bag", rows)
+    bag = tmp_path / ("bag.bag" if kind == "ROS 1" else "bag")
+    back = f"goes back by {by_s - 0.01:.3f} s in the order in which it was written"
+    assert main(["info", str(bag)]) == 0
+    assert back in capsys.readouterr().err
+    assert main(["export", str(bag), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 2
+    assert back in capsys.readouterr().err
+    with pytest.raises(BadRecordingError, match=back):
+        read_bag(bag)
+
+
+def test_two_publishers_with_clocks_of_their_own_are_no_clock_that_was_set_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a recorder that logs when each message was published, by the clock of the machine that it came from."""
+    rows = [*ROWS]
+    for place in range(10):
+        late_ns = START_NS + place * 10**7 - 10**9 * (place % 2)
+        rows.append(imu(late_ns, topic="/both"))
+    write_mcap(tmp_path / "bag" / "a.mcap", rows)
+    assert main(["export", str(tmp_path / "bag"), "-o", str(tmp_path / "out"), "--rate-hz", "100"]) == 0
+    assert "goes back" not in capsys.readouterr().err
 
 
 def test_two_runs_of_the_same_times_are_not_put_into_one_table(

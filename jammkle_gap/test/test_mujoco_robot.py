@@ -346,6 +346,15 @@ def test_stamps_of_two_clocks_are_set_together_and_said(tmp_path: Path, recorded
     assert "\n" not in note
 
 
+def test_bag_whose_clock_was_set_back_is_refused(tmp_path: Path, recorded: robot_arm.Samples) -> None:
+    """Its log mixes what was recorded before and after that."""
+    time_s = recorded["time_s"]
+    back = {**recorded, "time_s": np.where(time_s > np.median(time_s), time_s - 0.5, time_s)}
+    bag = robot_arm.write_bag(tmp_path / "bag", back)
+    with pytest.raises(BadRecordingError, match=r"cannot be put in order: the log of .* goes back by 0\.4"):
+        matched(robot_arm.write_model(tmp_path), [bag])
+
+
 @pytest.mark.parametrize(("form", "noted"), [("array", "3 of "), ("now", "trajectories")])
 def test_what_is_no_number_is_left_out_and_noted(
     tmp_path: Path, recorded: robot_arm.Samples, form: str, noted: str

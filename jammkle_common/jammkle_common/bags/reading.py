@@ -128,6 +128,26 @@ class BagReader:
         for time_ns, place, key, data in merged(self._files, keys):
             yield chosen[self._places[place][key]], time_ns, plain_data(data)
 
+    def set_back_ns(self) -> dict[int, int]:
+        """Return by how much the log of each connection goes back in the order in which its messages were written, ns.
+
+        Files are taken in the order of their first messages, as their names need not say which was recorded first.
+        """
+        latest_ns: dict[int, int] = {}
+        back_ns = {each.id: 0 for each in self.every}
+        places = sorted(range(len(self._files)), key=lambda place: self._files[place].first_ns)
+        with contextlib.suppress(Exception):  # what is damaged is said where messages are read
+            for place in places:
+                for key, times_ns in self._files[place].written():
+                    number = self._places[place][key]
+                    for log_ns in times_ns:
+                        before_ns = latest_ns.get(number, log_ns)
+                        if log_ns < before_ns:
+                            back_ns[number] = max(back_ns[number], before_ns - log_ns)
+                        else:
+                            latest_ns[number] = log_ns
+        return back_ns
+
     def deserialize(self, data: bytes, message_type: str) -> Any:
         """Return a message.
 

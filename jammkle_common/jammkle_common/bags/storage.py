@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import sqlite3
+import struct
 import sys
 from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -72,6 +73,9 @@ class BagFile(Protocol):
     def messages(self, keys: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         """Read log time, ns, channel and data of the messages of some channels, by log time."""
 
+    def written(self) -> Iterator[tuple[int, Iterable[int]]]:
+        """Read channels and log times, ns, of their messages, in the order in which each channel's were written."""
+
     def close(self) -> None:
         """Give the file back."""
 
@@ -133,6 +137,12 @@ def plain_data(data: bytes) -> bytes:
     return zstd.decompress(data) if data.startswith(ZSTD) else data
 
 
+_RECORD_HEAD = 9
+"""Bytes of kind and length before each record."""
+_MESSAGE_INDEX, _INDEX_ENTRY = struct.Struct("<HI"), struct.Struct("<QQ")
+"""Channel and size of what follows; log time, and place in the chunk, of each message."""
+
+
 class _Mcap:
     def __init__(self, path: Path) -> None:
         self._stream: Any = path.open("rb")  # mcap and rosbags name its type differently
@@ -171,9 +181,9 @@ class _Mcap:
         self.channels = [_channel(channel, schema, counts[key]) for key, (schema, channel) in found.items()]
         self.first_ns, self.last_ns = times or (0, 0)
 
-    def _unindexed(self) -> Iterator[Any]:
+    def _unindexed(self, *, log_time_order: bool = True) -> Iterator[Any]:
         self._stream.seek(0)
-        return NonSeekingReader(self._stream).iter_messages()
+        return NonSeekingReader(self._stream).iter_messages(log_time_order=log_time_order)
 
     def messages(self, keys: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         if not self._chunks:
@@ -204,6 +214,18 @@ class _Mcap:
         for time_ns, offset, key, data in heapq.merge(*sources, key=lambda each: each.timestamp):
             if offset:
                 yield time_ns, key, data  # type: ignore[misc]  # the numbers given above
+
+    def written(self) -> Iterator[tuple[int, Iterable[int]]]:
+        if not self._chunks or not all(each.message_index_offsets for each in self._chunks):
+            for _, channel, message in self._unindexed(log_time_order=False):
+                yield channel.id, (message.log_time,)
+            return
+        for each in sorted(self._chunks, key=lambda chunk: chunk.chunk_start_offset):
+            for begin in each.message_index_offsets.values():
+                self._stream.seek(begin + _RECORD_HEAD)
+                key, size = _MESSAGE_INDEX.unpack(self._stream.read(_MESSAGE_INDEX.size))
+                entries = _INDEX_ENTRY.iter_unpack(self._stream.read(size))
+                yield key, [log_ns for _, log_ns in sorted((place, log_ns) for log_ns, place in entries)]
 
     def close(self) -> None:
         self._stream.close()
@@ -267,6 +289,10 @@ class _Sqlite:
         call = f"SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks}) ORDER BY timestamp, id"  # noqa: S608 - marks alone
         yield from self._base.execute(call, list(keys))
 
+    def written(self) -> Iterator[tuple[int, Iterable[int]]]:
+        for key, log_ns in self._base.execute("SELECT topic_id, timestamp FROM messages ORDER BY id"):
+            yield key, (log_ns,)
+
     def close(self) -> None:
         self._base.close()
 
@@ -302,6 +328,10 @@ class _Ros1:
         wanted = [each for each in self._reader.connections if each.id in keys]
         for connection, time_ns, data in self._reader.messages(wanted) if wanted else ():
             yield time_ns, connection.id, bytes(self._stores[connection.id].ros1_to_cdr(data, connection.msgtype))
+
+    def written(self) -> Iterator[tuple[int, Iterable[int]]]:
+        for key, entries in self._reader.indexes.items():
+            yield key, [each.time for each in sorted(entries, key=lambda each: (each.chunk_pos, each.offset))]
 
     def close(self) -> None:
         self._reader.close()

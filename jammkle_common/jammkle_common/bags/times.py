@@ -46,6 +46,8 @@ _HOLE_NS = 24 * 3600 * NANOSECONDS_PER_SECOND
 """Step of the log from which on it is said. Assumed: no landing or walk pauses for a day."""
 _REWOUND_NS = 2 * NANOSECONDS_PER_SECOND
 """Step back of a topic from which on it is said. Assumed: a recorder's queues hold two seconds."""
+_SET_BACK_NS = NANOSECONDS_PER_SECOND // 10
+"""Step back of the log from which on it is said: ntpd sets a clock that is off by 0.128 s, and slews it below."""
 _SAME_SPAN = 0.02
 """Part by which the spans of log and data may differ without a word. Assumed: a second in a minute is worth none."""
 _FEW = 3
@@ -179,7 +181,8 @@ class BagTimes:
     Attributes:
         start_ns: When the bag begins, on the clock of its messages.
         doubts: Topics whose stamps are not taken as they are, and why.
-        rewound: Why the same times come twice; empty as long as they were not seen to.
+        rewound: Why the same times come twice; empty as long as they were not seen to. Of a clock that was set back
+            while the bag was recorded it is known from the start, of the rest once it was read.
 
     """
 
@@ -197,15 +200,15 @@ class BagTimes:
         self._stamps: dict[int, _Stamps] = {each.id: _Stamps() for each in stamped}
         self._look_at_first(stamped)
         self.doubts: dict[str, str] = {}
-        self.rewound = ""
         self._last_ns: dict[int, int] = {}
         offered = {each.id: profiles(each.offered) for each in reader.connections}
         self._time_bases = {each.id for each in reader.connections if _is_time_base(each, offered[each.id])}
+        self.rewound = self._find_set_back()
         self._latched = {number for number, by_each in offered.items() if _is_latched(by_each)}
         self._from_before: set[int] = set()
         self._start_ahead_ns = self._ahead_ns = self._find_apart()
         self.start_ns = self._begin_ns - self._ahead_ns if self._start_tick_ns is None else self._start_tick_ns
-        for what in self.doubts.values():
+        for what in filter(None, (*self.doubts.values(), self.rewound)):
             self._say(what)
 
     def source(self, connection: Connection) -> TimeOf:
@@ -259,6 +262,21 @@ class BagTimes:
             back_s = back_ns / NANOSECONDS_PER_SECOND
             self.rewound = f"the time of {connection.topic} goes back by {back_s:.3f} s: two runs have the same times"
             self._say(self.rewound)
+
+    def _find_set_back(self) -> str:
+        """See whether the log goes back in topics that hold most of the messages: one alone may have two clocks."""
+        if any(each.shift_ns for each in self._parts):
+            return ""
+        back_ns = self._reader.set_back_ns()
+        judged = [each for each in self._reader.connections if each.id in self._time_bases]
+        most = sum(each.msgcount for each in judged) / 2
+        found = [each for each in judged if back_ns[each.id] > _SET_BACK_NS]
+        if not found or sum(each.msgcount for each in found) < most:
+            return ""
+        topic = max(found, key=lambda each: each.msgcount)
+        back_s = back_ns[topic.id] / NANOSECONDS_PER_SECOND
+        why = f"the log of {topic.topic} goes back by {back_s:.3f} s in the order in which it was written"
+        return f"{why}: the clock was set back, and what was recorded before and after that is mixed"
 
     def _say(self, what: str) -> None:
         note(f"bag {self._reader.path}: {what}")

@@ -114,6 +114,9 @@ def _tables(path: Path, namespace: str | None) -> tuple[dict[str, _Table], list[
             why = times.doubts[topic].partition(":")[0]
             msg = f"clocks disagree in bag {path}: {why}; record with one clock, and header.stamp set"
             raise BadRecordingError(msg)
+        if times.rewound:
+            msg = f"bag {path} cannot be put in order: {times.rewound}; record it anew"
+            raise BadRecordingError(msg)
         for connection, _, log_ns, data in times.messages(reader.on([*takers, parameters])):
             message: Any = reader.deserialize(data, connection.msgtype)
             if connection.topic == parameters:

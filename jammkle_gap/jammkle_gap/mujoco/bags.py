@@ -51,6 +51,9 @@ def run_of_bag(path: Path, given: RobotMap, order: Sequence[str] = ()) -> Run:
         states = _States(reader, path, given)
         commanding = _commanding(reader, path, given)
         times = BagTimes(reader)
+        if times.rewound:
+            msg = f"bag {path} cannot be put in order: {times.rewound}; record it anew"
+            raise BadRecordingError(msg)
         commands = _Commands(given.order or tuple(order), given.quantity, name_of(path))
         sensing = [each for each in reader.connections if each.msgtype in {_IMU, _WRENCH} and each.msgcount]
         sensed: dict[tuple[str, str, Sense], list[tuple[float, ...]]] = {}
