@@ -173,15 +173,23 @@ def test_a_pump_at_full_duty_is_not_jammed_for_ever(channels: tuple[str, ...], *
     assert channels or bench.driver.ankle.faulty[0].name != "achilles"  # the others, which read the truth
 
 
-@pytest.mark.parametrize("cause", ["stop", "fault", "stale"])
+@pytest.mark.parametrize("cause", ["stop", "stop in a pulse", "fault", "silent sensor", "time-out", "stale"])
 def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) -> None:
     """With hold, a stop, a fault or silence leaves everything connected, pump off; ~/unjam and clearing vent it."""
-    bench = jammed_bench(safe_state="hold")
-    if cause == "stop":
+    bench = jammed_bench(safe_state="hold", diagnose=cause != "time-out")
+    if cause == "stop in a pulse":  # of a valve, after a lower set point: all are asked to stay connected
+        bench.driver.jam((), 30e3, "test")
+        while all(bench.driver.command.solenoids.values()):
+            bench.step()
+    if cause.startswith("stop"):
         bench.driver.emergency_stop(stop=True, now=bench.now)
         bench.driver.emergency_stop(stop=False, now=bench.now)
     elif cause == "fault":
         bench.plant.inject(FakeFault.SENSOR_OUT_OF_RANGE, "achilles", 130e3)
+    elif cause == "silent sensor":
+        bench.plant.inject(FakeFault.SENSOR_DEAD, "achilles")
+    elif cause == "time-out":
+        bench.plant.inject(FakeFault.STUCK_CLOSED, "achilles")
     else:
         bench.streams, bench.set_point_pa = True, 40e3
         run(bench, 0.5)
@@ -197,6 +205,16 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
         bench.driver.clear_fault(bench.now)
     run(bench, 1.0)
     assert bench.driver.command == released(CHANNELS)
+
+
+def test_a_fault_of_one_channel_does_not_end_what_a_stop_holds() -> None:
+    """Where a fault is of the channel alone the others go on, but not from a stop: all was let go before."""
+    bench = jammed_bench(safe_state="hold", fault_policy="channel")
+    bench.driver.emergency_stop(stop=True, now=bench.now)
+    bench.plant.inject(FakeFault.SENSOR_DEAD, "achilles")
+    run(bench, 1.0)
+    assert [channel.name for channel in bench.driver.ankle.faulty] == ["achilles"]
+    assert bench.driver.command == ActuatorCommand(dict.fromkeys(CHANNELS, True), 0.0)
 
 
 def test_a_brown_out_that_keeps_the_board_away_is_reported_as_one() -> None:

@@ -123,8 +123,8 @@ class Ankle:
     def let_go(self, channels: Sequence[str], why: Finding) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
-        if self.parameters.holds and self._held is None and asked:
-            self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        if self._held is None and asked:
+            self._held = self._to_hold()
         for channel in asked:
             if self._held is not None:
                 channel.hold(why)
@@ -133,14 +133,24 @@ class Ankle:
 
     def fail(self, channels: Sequence[str], why: Finding) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
-        if self.parameters.holds and self._held is None and self.jammed:
-            self._held = ActuatorCommand(dict(self.command.solenoids), 0.0)
+        to_hold = self._to_hold()
         for name in channels:
             self.channels[name].fail(why)
+        self._settle_fault(why, to_hold)
+
+    def _settle_fault(self, why: Finding, to_hold: ActuatorCommand | None) -> None:
+        """Bring what a fault concerns to the safe state; `to_hold` is from before it."""
+        others_go_on = self.parameters.fails_alone and self.jammed
+        if self._held is None and not others_go_on:
+            self._held = to_hold
         self._spread(why)
-        if self.parameters.fails_alone and self.jammed:
-            self._held = None
         self.regulate(0.0)
+
+    def _to_hold(self) -> ActuatorCommand | None:
+        """Return what the safe state `hold` would keep, a valve in a pulse as connected; None: nothing."""
+        if not self.parameters.holds or not self.jammed:
+            return None
+        return ActuatorCommand({name: each.energised for name, each in self.channels.items()}, 0.0)
 
     def clear(self, channels: Sequence[Channel]) -> None:
         """Let channels leave their faults, vented."""
@@ -177,11 +187,10 @@ class Ankle:
             self.manifold_vacuum_pa = vacuum_pa
         else:
             channel = self.channels[place]
-            was_faulty = channel.state is ChannelState.FAULT
+            was_faulty, to_hold = channel.state is ChannelState.FAULT, self._to_hold()
             channel.measure(vacuum_pa, elapsed_s)
             if channel.state is ChannelState.FAULT and not was_faulty:
-                self._spread(channel.why)
-                self.regulate(0.0)
+                self._settle_fault(channel.why, to_hold)
         if judged:
             self._look_into(self.diagnosis.check_range(place, pressure_pa, self.atmosphere))
             for moment in self.evidence.due():

@@ -431,10 +431,10 @@ class Driver:
         silent = self._sensors.fallen_silent([name for name in channels if channels[name].vacuum_pa is not None])
         if (silent and self._sensors.all_silent) or self._sensors.silent(MANIFOLD):
             self.ankle.manifold_vacuum_pa = None
-        for name in silent:
-            channels[name].forget_pressure()
         if silent and self.active:
             self.ankle.fail(silent, self._sensors.why(silent))
+        for name in silent:
+            channels[name].forget_pressure()
 
     def _let_go_blind(self) -> None:
         """Go to the safe state where answers come too late to count, which no fault is concluded from."""
