@@ -207,6 +207,23 @@ def test_the_safe_state_hold_keeps_the_solenoids_without_the_pump(cause: str) ->
     assert bench.driver.command == released(CHANNELS)
 
 
+def test_hold_of_a_channel_whose_commands_are_stale_leaves_the_pump_to_the_others() -> None:
+    """It stays connected; what a service jammed is regulated on against its leak, and nothing fails of it."""
+    bench = jammed_bench(safe_state="hold", diagnose=False)
+    bench.driver.follow([SetPoint("achilles", SET_POINT_PA)], bench.now, "jam_command")
+    bench.plant.inject(FakeFault.LEAK, "peroneal_left", 2e-11)
+    run(bench, 8.0)
+    trouble = bench.driver.trouble
+    assert (trouble.why.reason, trouble.action) == (Reason.COMMANDS_STALE, "achilles kept as it was until asked anew")
+    assert all(bench.driver.command.solenoids.values())
+    vacuum_pa = bench.driver.ankle.atmosphere.pressure_pa - bench.plant.pressures_pa["peroneal_left"]
+    assert vacuum_pa == pytest.approx(SET_POINT_PA, abs=1500.0)
+    bench.driver.emergency_stop(stop=True, now=bench.now)
+    assert bench.driver.command == ActuatorCommand(dict.fromkeys(CHANNELS, True), 0.0)
+    bench.driver.unjam((), "test")
+    assert bench.driver.command == released(CHANNELS)
+
+
 def test_a_fault_of_one_channel_does_not_end_what_a_stop_holds() -> None:
     """Where a fault is of the channel alone the others go on, but not from a stop: all was let go before."""
     bench = jammed_bench(safe_state="hold", fault_policy="channel")

@@ -102,6 +102,11 @@ class Ankle:
         """Channels in FAULT."""
         return tuple(channel for channel in self.channels.values() if channel.state is ChannelState.FAULT)
 
+    @property
+    def _regulated(self) -> list[Channel]:
+        """Channels that are asked to jam, but for those that are merely kept connected."""
+        return [channel for channel in self.channels.values() if channel.set_point_pa > 0.0 and not channel.held]
+
     def able(self, channel: str) -> bool:
         """Whether a channel may be jammed, as far as faults go."""
         if self.parameters.fails_alone:
@@ -123,13 +128,14 @@ class Ankle:
     def let_go(self, channels: Sequence[str], why: Finding) -> None:
         """Bring channels to the safe state; nothing has failed that must be acknowledged."""
         asked = [self.channels[name] for name in channels if self.channels[name].set_point_pa > 0.0]
-        if self._held is None and asked:
-            self._held = self._to_hold()
+        to_hold = self._to_hold()
         for channel in asked:
-            if self._held is not None:
+            if self.parameters.holds:
                 channel.hold(why)
             else:
                 channel.let_go(why)
+        if self._held is None and asked and not self._regulated:
+            self._held = to_hold
 
     def fail(self, channels: Sequence[str], why: Finding) -> None:
         """Put channels into FAULT until they are cleared, and the others to where the policy wants them."""
@@ -140,7 +146,7 @@ class Ankle:
 
     def _settle_fault(self, why: Finding, to_hold: ActuatorCommand | None) -> None:
         """Bring what a fault concerns to the safe state; `to_hold` is from before it."""
-        others_go_on = self.parameters.fails_alone and self.jammed
+        others_go_on = self.parameters.fails_alone and self._regulated
         if self._held is None and not others_go_on:
             self._held = to_hold
         self._spread(why)
@@ -209,10 +215,10 @@ class Ankle:
 
     def regulate(self, elapsed_s: float) -> None:
         """Set the pump anew, `elapsed_s` s after the last measurement."""
-        jammed = [channel for channel in self.channels.values() if channel.set_point_pa > 0.0]
+        jammed = self._regulated
         measured_pa = [channel.vacuum_pa for channel in jammed if channel.vacuum_pa is not None]
         stores = self.may_store and self.parameters.reservoir_vacuum_pa > 0.0
-        stores = stores and not jammed and self._held is None and not self.faulty and not self.findings
+        stores = stores and not self.jammed and self._held is None and not self.faulty and not self.findings
         if stores and self.manifold_vacuum_pa is not None:
             self._store(self.manifold_vacuum_pa, elapsed_s)
             return
@@ -332,10 +338,9 @@ class Ankle:
 
     def release(self, reason: str = "let go") -> None:
         """End the safe state `hold`: what was kept is vented."""
-        if self._held is None:
-            return
+        kept = [each for each in self.channels.values() if each.held or self._held is not None]
         self._held = None
-        for channel in self.channels.values():
+        for channel in kept:
             channel.ask(0.0, reason)
 
 

@@ -38,6 +38,7 @@ class Channel:
         set_point_pa: Vacuum asked for, Pa; 0 = unjam.
         vacuum_pa: Vacuum measured, Pa; None where it is not.
         energised: Whether the solenoid shall connect the channel to the manifold.
+        held: Whether it is kept connected as it is, in the safe state `hold`.
         why: Why it is in this state, what has failed, or why it was let go; NONE where nothing is wrong.
     """
 
@@ -53,12 +54,12 @@ class Channel:
         self._in_state_s = 0.0
         self._missed_s = 0.0
         self.energised = False
-        self._held = False
+        self.held = False
 
     @property
     def excess_pa(self) -> float:
         """How far a connected channel is above the band around its set point, and from there, Pa; 0 where it is not."""
-        if not self.energised or self._held or self.vacuum_pa is None:
+        if not self.energised or self.held or self.vacuum_pa is None:
             return 0.0
         excess_pa = self.vacuum_pa - self.set_point_pa
         return excess_pa if excess_pa > self._parameters.tolerance_pa else 0.0
@@ -81,7 +82,7 @@ class Channel:
 
     def hold(self, why: Finding) -> None:
         """Stay connected as it is, until the next set point: nothing is regulated, and nothing counts as missed."""
-        self._held = True
+        self.held = True
         self.why = why
 
     def ask(self, vacuum_pa: float, reason: str) -> None:
@@ -91,7 +92,7 @@ class Channel:
         """
         if not self._enabled or self.state is ChannelState.FAULT:
             return
-        self._held = False
+        self.held = False
         if vacuum_pa != self.set_point_pa:
             self._missed_s = self._in_state_s = 0.0
         self.set_point_pa = vacuum_pa
@@ -113,7 +114,7 @@ class Channel:
         self._in_state_s += elapsed_s
         self._missed_s += elapsed_s
         self._follow()
-        if self.set_point_pa == 0.0 or self._held or self.state is ChannelState.JAMMED:
+        if self.set_point_pa == 0.0 or self.held or self.state is ChannelState.JAMMED:
             self._missed_s = 0.0
         self._check_time()
 
@@ -132,7 +133,7 @@ class Channel:
                 self.why = why
             return
         self.set_point_pa = 0.0
-        self._held = False
+        self.held = False
         self.why = why
         self._enter(ChannelState.FAULT)
         self.energised = False
@@ -140,7 +141,7 @@ class Channel:
     def clear(self) -> None:
         """Leave FAULT, or forget an emergency stop: vented, nothing is wanted."""
         self.set_point_pa = 0.0
-        self._held = False
+        self.held = False
         text = "cleared by ~/clear_fault" if self._enabled else "driver is not active"
         self.why = Finding(Reason.NONE, self.name, text)
         if self.state is ChannelState.FAULT:
@@ -153,7 +154,7 @@ class Channel:
         if self.state in (ChannelState.FAULT, ChannelState.UNKNOWN) or self.vacuum_pa is None:
             self.energised = False
             return
-        if self._held:
+        if self.held:
             return
         self.energised = self.set_point_pa > 0.0
 

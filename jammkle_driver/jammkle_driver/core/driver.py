@@ -392,6 +392,7 @@ class Driver:
         let_go = [channel for channel in ankle.channels.values() if channel.why.reason is not Reason.NONE]
         if let_go:
             names = ", ".join(channel.name for channel in let_go)
+            acts = "kept as it was" if let_go[0].held and not ankle.held else acts  # the pump works for others
             return Trouble(let_go[0].why, f"{names} {acts} until asked anew")
         return None
 
