@@ -234,6 +234,30 @@ def test_a_valve_that_does_not_vent_is_a_fault() -> None:
     assert "vent_timeout_s" in bench.driver.ankle.channels[PERONEAL_LEFT].why.text
 
 
+class SetBack(Bench):
+    """One whose graph's clock may be set back, as by a simulation that is started anew."""
+
+    by_s = 0.0
+
+    @property
+    def now(self) -> Instant:
+        return Instant(self.steady_s, self.plant.time_s - self.by_s)
+
+
+@pytest.mark.parametrize("by_s", [0.5, 2.5, 4.5, 8.0])
+def test_the_set_point_is_followed_on_a_clock_that_was_set_back(by_s: float) -> None:
+    """However little by: what is stamped earlier from then on are no late readings."""
+    bench = SetBack()
+    bench.run(by_s)
+    bench.driver.jam((), 50e3, "test")
+    bench.run(1.0)
+    bench.by_s = by_s
+    bench.driver.jam((), 30e3, "test")
+    bench.run(1.0)
+    assert set(bench.states().values()) == {ChannelState.JAMMED}
+    assert bench.vacuum_pa(ACHILLES) == pytest.approx(30e3, abs=2500.0)
+
+
 def test_without_a_manifold_sensor_the_set_point_is_held_all_the_same() -> None:
     """The channels alone are enough to regulate, if with more overshoot."""
     bench = Bench()

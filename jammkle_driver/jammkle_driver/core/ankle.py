@@ -289,6 +289,12 @@ class Ankle:
         self.judge_from_now_on(now)
         self.regulator.reset()
         self._stamps.clear()
+        self._regulated_at_s = -math.inf
+
+    def follow_clock_back(self, now: Instant) -> None:
+        """Begin anew on a clock that was set back: what is stamped earlier than before is no late reading."""
+        self.evidence.clear()
+        self.begin_anew(now)
 
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""

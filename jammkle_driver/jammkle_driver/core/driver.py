@@ -323,6 +323,8 @@ class Driver:
         """
         passed_s = 0.0 if self._ticked_s is None else now.graph_s - self._ticked_s
         self._ticked_s = now.graph_s
+        if passed_s < 0.0:
+            self.ankle.follow_clock_back(now)
         self._sensors.tick(0.0 if self._link.paused else passed_s, asked=self._link.exchanges > 0)
         stood_s = self.own_pace.tick(now.steady_s)
         if stood_s > 0.0:
