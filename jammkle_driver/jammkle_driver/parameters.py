@@ -174,7 +174,14 @@ class DriverParameters:
     @property
     def longest_jam_s(self) -> float:
         """`jam_timeout_s`, and the time in which the pump evacuates the reservoir, s."""
-        return self.jam_timeout_s + self.air().evacuation_s(self.reservoir_volume_m3, self.max_vacuum_pa)
+        deepest_pa = max(self.max_vacuum_pa, self.reservoir_vacuum_pa)
+        return self.jam_timeout_s + self.air().evacuation_s(self.reservoir_volume_m3, deepest_pa)
+
+    @property
+    def longest_jam(self) -> str:
+        """The same for people, with the name of the limit."""
+        beside = ", and the time to evacuate the reservoir" if self.reservoir_volume_m3 > 0.0 else ""
+        return f"{self.longest_jam_s:.3g} s (jam_timeout_s{beside})"
 
     @property
     def reservoir_vacuum_pa(self) -> float:

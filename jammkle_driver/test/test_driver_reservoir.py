@@ -109,6 +109,30 @@ def test_a_healthy_ankle_with_a_reservoir_raises_no_alarm(seed: int) -> None:
     assert bench.reported()[0] is Reason.NONE
 
 
+@pytest.mark.parametrize("stored_vacuum_pa", [60e3, 76e3])
+def test_a_large_reservoir_may_take_as_long_as_its_vacuum_does(stored_vacuum_pa: float) -> None:
+    """250 mL, also to more than is ever asked of the channels: no fault of a pump that works as declared."""
+    parameters = DriverParameters(reservoir_volume_m3=2.5e-4, stored_vacuum_pa=stored_vacuum_pa)
+    bench = FaultBench(parameters, 1, lambda air, _draw, seed: FakePlant(air, STANDARD_ATMOSPHERE_PA, seed=seed))
+    run(bench, 20.0)
+    assert bench.reported()[0] is Reason.NONE
+    assert manifold_vacuum_pa(bench) == pytest.approx(stored_vacuum_pa, abs=1.5e3)
+
+
+def test_who_gives_the_pump_up_says_what_it_did_and_for_how_long() -> None:
+    """Of a spared pump that it was spared; and with a reservoir that its time is in the limit, too."""
+    parameters = DriverParameters(
+        reservoir_volume_m3=RESERVOIR_M3, pump_rated_duty=0.3, pump_thermal_time_s=3.0, diagnose=False
+    )
+    bench = FaultBench(parameters, 1)
+    bench.asks = False
+    bench.plant.inject(FakeFault.LEAK, MANIFOLD, 3e-10)
+    run(bench, 10.0)
+    said = bench.driver.trouble.why.text
+    assert "with the pump at the duty that pump_rated_duty leaves for 6." in said
+    assert "(jam_timeout_s, and the time to evacuate the reservoir)" in said
+
+
 @pytest.mark.parametrize(
     ("reason", "fault", "place", "jammed"),
     [

@@ -245,12 +245,17 @@ class Ankle:
         stored_pa = self.parameters.reservoir_vacuum_pa
         duty = self.regulator.update(stored_pa, manifold_vacuum_pa, manifold_vacuum_pa, elapsed_s)
         self._duty = self.load.spare(duty, elapsed_s)
-        timeout_s = self.parameters.longest_jam_s
-        if self.regulator.full_s > timeout_s:
+        if self.regulator.full_s > self.parameters.longest_jam_s:
             self.regulator.reset()
-            seen = f"at {manifold_vacuum_pa:.0f} of {stored_pa:.0f} Pa with the pump at full duty for {timeout_s:.3g} s"
+            seen = f"at {manifold_vacuum_pa:.0f} of {stored_pa:.0f} Pa with {self._all_of_the_pump}"
             values = {"vacuum wanted (Pa)": f"{stored_pa:.0f}", "vacuum at last (Pa)": f"{manifold_vacuum_pa:.0f}"}
             self.fail(self._names, finding(Reason.NOT_REACHED, MANIFOLD, seen, values).to_clear())
+
+    @property
+    def _all_of_the_pump(self) -> str:
+        """What was tried in vain, for people."""
+        duty = "the duty that pump_rated_duty leaves" if self.load.limited else "full duty"
+        return f"the pump at {duty} for {self.parameters.longest_jam}"
 
     def _connected_m3(self) -> float:
         connected_m3 = sum(each for name, each in self._volumes_m3.items() if self.channels[name].energised)
@@ -299,9 +304,7 @@ class Ankle:
     def _give_up(self, weakest: Channel) -> None:
         """End what the pump cannot come to: at full duty for ever, JAMMED or not, it would only wear out."""
         self.regulator.reset()
-        timeout_s = self.parameters.longest_jam_s
-        seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with the pump at full duty for "
-        seen += f"{timeout_s:g} s (jam_timeout_s)"
+        seen = f"at {weakest.vacuum_pa or 0.0:.0f} of {weakest.set_point_pa:.0f} Pa with {self._all_of_the_pump}"
         why = finding(Reason.NOT_REACHED, weakest.name, seen, missed(weakest))
         self.fail((weakest.name,), why.to_clear())
 

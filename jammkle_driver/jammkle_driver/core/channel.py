@@ -180,8 +180,7 @@ class Channel:
         longest_jam_s, longest_vent_s = self._parameters.longest_jam_s, self._parameters.vent_timeout_s
         if self._missed_s > longest_jam_s:
             seen = (
-                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {longest_jam_s:g} s "
-                "(jam_timeout_s)"
+                f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {self._parameters.longest_jam}"
             )
             self._give_up(Reason.NOT_REACHED, seen)
         elif self.set_point_pa == 0.0 and self.state is ChannelState.VENTING and self._in_state_s > longest_vent_s:
