@@ -137,8 +137,9 @@ class DriverParameters:
         """Check what one row alone cannot.
 
         Raises:
-            ParameterError: default_vacuum_pa is not between min_vacuum_pa and max_vacuum_pa, the pump cannot reach
-                max_vacuum_pa, or no vacuum at all would be near enough to min_vacuum_pa.
+            ParameterError: min_vacuum_pa is above max_vacuum_pa, or default_vacuum_pa not between them, the pump cannot
+                reach max_vacuum_pa, no vacuum at all would be near enough to min_vacuum_pa, or a resting pump lets the
+                vacuum fall out of the tolerance.
 
         """
         for name, vacuum_pa in (("max_vacuum_pa", self.max_vacuum_pa), ("stored_vacuum_pa", self.reservoir_vacuum_pa)):
@@ -152,6 +153,18 @@ class DriverParameters:
             msg = (
                 f"parameter 'tolerance_pa' is {self.tolerance_pa:g}; it must be below min_vacuum_pa, "
                 f"here {self.min_vacuum_pa:g} Pa, else a channel without vacuum would count as JAMMED"
+            )
+            raise ParameterError(msg)
+        if self.pump_rest_band_pa >= self.tolerance_pa:
+            msg = (
+                f"parameter 'pump_rest_band_pa' is {self.pump_rest_band_pa:g}; it must be below tolerance_pa, "
+                f"here {self.tolerance_pa:g} Pa, else a channel would leave JAMMED before the pump works again"
+            )
+            raise ParameterError(msg)
+        if self.min_vacuum_pa > self.max_vacuum_pa:
+            msg = (
+                f"parameter 'min_vacuum_pa' is {self.min_vacuum_pa:g}; it must be at most max_vacuum_pa, "
+                f"here {self.max_vacuum_pa:g} Pa"
             )
             raise ParameterError(msg)
         if not self.min_vacuum_pa <= self.default_vacuum_pa <= self.max_vacuum_pa:

@@ -75,3 +75,7 @@ def test_limits_of_vacuum_must_fit_together() -> None:
         from_mapping(DriverParameters, {"max_vacuum_pa": 95e3})
     with pytest.raises(ParameterError, match=r"tolerance_pa.*below min_vacuum_pa.*5000.*JAMMED"):
         from_mapping(DriverParameters, {"tolerance_pa": 6e3})
+    with pytest.raises(ParameterError, match=r"'min_vacuum_pa' is 80000; .* at most max_vacuum_pa, here 70000 Pa"):
+        from_mapping(DriverParameters, {"min_vacuum_pa": 80e3})
+    with pytest.raises(ParameterError, match=r"'pump_rest_band_pa' is 700; .* below tolerance_pa, here 500 Pa"):
+        from_mapping(DriverParameters, {"tolerance_pa": 500.0})
