@@ -438,6 +438,7 @@ sensors: {peroneal_left: {register: 0}, peroneal_right: {register: 1}, achilles:
         ("pump: {register: 1}", "pump: {register: 1, at_zero: 1000, at_full: 0}\nfirmware: jammkle", "would run it"),
         ("pump: {register: 1}", "pump: {register: 1}\nfirmware: jammkle\non_connect: {2: 5000}", "see watchdog_ms"),
         ("pump: {register: 1}", "pump: {register: 1}\nfirmware: jammkle\non_connect: {9: 90}", "hardware check"),
+        ("pump: {register: 1}", "pump: {register: 1}\nfirmware: jammkle\nrate_hz: 4", "4, a command each 250 ms.*200"),
         ("achilles: {register: 2}}", "achilles: {register: 2, vacuum: true}}\nfirmware: jammkle", "must be false"),
     ],
 )

@@ -356,6 +356,12 @@ def _problems_of_own(wiring: Wiring) -> Iterator[str]:
         yield "pump: the firmware jammkle takes the duty in register 1"
     if (pump.at_zero, pump.at_full) != (0, full):
         yield f"pump: the firmware jammkle has at_zero 0 and at_full {full}; with others its safe state would run it"
+    period_ms = 1000.0 / wiring.rate_hz
+    if period_ms >= wiring.watchdog_ms:
+        yield (
+            f"rate_hz is {wiring.rate_hz:g}, a command each {period_ms:.0f} ms, and watchdog_ms {wiring.watchdog_ms}: "
+            "the board would let go between two commands; raise one of them"
+        )
     if any(address < free for address in wiring.on_connect):
         yield f"on_connect: registers below {free} of the firmware jammkle are the driver's; see watchdog_ms here"
     names = ("sensor_1_raw_low", f"sensor_{SENSORS}_pressure_high")
