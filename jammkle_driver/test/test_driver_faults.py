@@ -234,6 +234,17 @@ def test_a_fault_of_one_channel_does_not_end_what_a_stop_holds() -> None:
     assert bench.driver.command == ActuatorCommand(dict.fromkeys(CHANNELS, True), 0.0)
 
 
+@pytest.mark.parametrize(
+    "odd", [ActuatorCommand({}, 0.0), replace(released(CHANNELS), pump_duty=math.nan)], ids=["no channels", "no duty"]
+)
+def test_what_no_outputs_do_is_no_evidence(odd: ActuatorCommand) -> None:
+    """A message that nobody has filled in, beside those of the hardware: nothing ends, and a leak is still found."""
+    bench = jammed_bench()
+    bench.plant.inject(FakeFault.LEAK, "achilles", 2e-10)
+    run(bench, 3.0, lambda: bench.driver.take_driven(odd, bench.now.graph_s))
+    assert bench.reported() == (Reason.LEAK, "achilles")
+
+
 def test_a_brown_out_that_keeps_the_board_away_is_reported_as_one() -> None:
     """For half a second it does not answer, and counts as unplugged; then it says what it was. FAULT all the while."""
     bench = jammed_bench()

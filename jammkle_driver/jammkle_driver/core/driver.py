@@ -283,8 +283,11 @@ class Driver:
     def take_driven(self, driven: ActuatorCommand, stamp_s: float) -> None:
         """Take what the hardware says that it drives, from `stamp_s` on or still then, s, on the clock of the samples.
 
-        Every change, and at least 20 times a second: what is read while it is silent is no evidence of a fault.
+        Every change, and at least 20 times a second: what is read while it is silent is no evidence of a fault. What
+        leaves out a channel, or is no duty, as a message that nobody has filled in, says nothing.
         """
+        if not driven.solenoids.keys() >= set(self._names) or not 0.0 <= driven.pump_duty <= 1.0:
+            return
         self.ankle.evidence.acknowledge(driven, stamp_s)
 
     def look_at_link(self, link: LinkStatus, now: Instant) -> bool:
