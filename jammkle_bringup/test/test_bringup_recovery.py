@@ -124,6 +124,36 @@ def test_wherever_a_bag_is_cut_it_is_recovered_up_to_there(torn: Path) -> None:
     assert 0 <= np.diff(counts).min() <= np.diff(counts).max() <= 3  # as many messages as 97 bytes hold
 
 
+def test_a_torn_file_without_chunks_is_recovered_up_to_there(tmp_path: Path) -> None:
+    """As `ros2 bag record --storage-preset-profile fastwrite` leaves it: wherever it was cut, whole messages stay."""
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/level", "cdr", schema)
+        whole = [(10**18 + number, b"\0\1\0\0" + struct.pack("<d", 1.5 + number)) for number in range(30)]
+        for log_ns, message in whole:
+            writer.add_message(channel, log_ns, message, log_ns)
+        writer.finish()
+    data = path.read_bytes()
+    each, end = 43, data.index(b"\x0f" + struct.pack("<Q", 4))  # kind and length, four numbers, data; end of the data
+    begin = end - each * len(whole)
+    for cut in range(begin + each, end + 20, 13):
+        path.write_bytes(data[:cut])
+        done = recover(path, lambda _: None)
+        count = min((cut - begin) // each, len(whole))
+        assert (done.messages, done.torn_bytes) == (count, cut - begin - count * each if cut < end else cut - end)
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            assert [(message.log_time, message.data) for _, _, message in reader.iter_messages()] == whole[:count]
+            summary = reader.get_summary()
+            assert summary is not None
+            counted = summary.statistics
+            assert (counted.message_count, counted.channel_message_counts) == (count, {channel: count})
+            assert (counted.message_start_time, counted.message_end_time) == (whole[0][0], whole[count - 1][0])
+
+
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
 def test_zeros_of_a_file_system_are_no_part_of_a_message(tmp_path: Path, compression: CompressionType) -> None:
     """Wherever a crash left zeros in place of what was not written, no message is made up of them."""

@@ -325,6 +325,10 @@ class DataSection:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[WrittenChunk] = field(default_factory=list)
     """In the order of the file."""
+    loose: Counter[int] = field(default_factory=Counter)
+    """Messages of each channel, of a file without chunks."""
+    loose_ns: tuple[int, int] = (0, 0)
+    """Their first and last log time."""
     attachments: list[AttachmentIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
     torn_chunk: bytes = b""
@@ -334,7 +338,7 @@ class DataSection:
 
     def counts(self) -> Counter[int]:
         """Return the messages of each channel."""
-        total: Counter[int] = Counter()
+        total = Counter(self.loose)
         for chunk in self.chunks:
             total.update(chunk.counts)
         return total
@@ -351,7 +355,7 @@ class DataSection:
         """Return the first and the last log time; zero without messages."""
         filled = [chunk.index for chunk in self.chunks if chunk.counts]
         if not filled:
-            return 0, 0
+            return self.loose_ns
         return min(each.message_start_time for each in filled), max(each.message_end_time for each in filled)
 
 
@@ -359,7 +363,7 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
     """Read an open file up to its ending, or up to where it was torn off; tell the share that was read, 0 to 1.
 
     Raises:
-        InputError: no MCAP file, not in chunks, or damaged before its last record.
+        InputError: no MCAP file, or damaged before its last record.
 
     """
     section = DataSection(size=_end_of_data(stream))
@@ -381,7 +385,8 @@ def scanned(stream: BinaryIO, on_progress: Callable[[float], None]) -> DataSecti
                 raise InputError(msg) from error
             break
         section.end = start + HEAD.size + len(body)
-        on_progress(section.end / section.size)
+        if opcode == Opcode.CHUNK or section.loose.total() % _PROGRESS_MESSAGES == 1:
+            on_progress(section.end / section.size)
     else:
         stream.seek(section.end)
         _take_torn_chunk(section, stream.read(section.size - section.end))
@@ -461,8 +466,13 @@ def _take(section: DataSection, opcode: int, body: bytes, start: int) -> None:
         name = Metadata.read(ReadDataStream(BytesIO(body))).name
         section.metadata.append(MetadataIndex(start, HEAD.size + len(body), name))
     elif opcode == Opcode.MESSAGE:
-        msg = "its messages are not in chunks"
-        raise InputError(msg)
+        if section.chunks:
+            msg = "it holds messages in chunks, and beside them"
+            raise InputError(msg)
+        channel, _, log_ns = MESSAGE.unpack_from(body)
+        first_ns, last_ns = section.loose_ns if section.loose else (log_ns, log_ns)
+        section.loose_ns = min(first_ns, log_ns), max(last_ns, log_ns)
+        section.loose[channel] += 1
 
 
 def _know(section: DataSection, opcode: int, body: bytes) -> None:
