@@ -234,6 +234,12 @@ def _file_of_another_name(bag: Path) -> Path:
     return bag
 
 
+def _file_named_twice(bag: Path) -> Path:
+    write_mcap(bag / "a.mcap", ROWS)
+    write_metadata(bag, ["a.mcap", "a.mcap"], ROWS)
+    return bag
+
+
 def _broken_metadata(bag: Path) -> Path:
     write_mcap(bag / "a.mcap", ROWS)
     (bag / "metadata.yaml").write_bytes(b"{{: \xff")
@@ -273,6 +279,7 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "old SQLite, compressed": _old_sqlite_compressed,
     "split, no metadata": _split_without_metadata,
     "a file of another name": _file_of_another_name,
+    "a file named twice": _file_named_twice,
     "other QoS": _one_file(qos=QOS.format(2)),
     "broken QoS": _one_file(qos=[{"reliability": "whatever"}]),
     "broken metadata": _broken_metadata,

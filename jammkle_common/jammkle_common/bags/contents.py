@@ -85,7 +85,7 @@ def contents_of(bag: Path) -> Contents:
         raise InputError(msg)
     custom = _custom(said)
     unfinished = custom.pop(UNFINISHED, None) is not None
-    named = [PurePath(str(each)).name for each in _list(said, "relative_file_paths")]
+    named = list(dict.fromkeys(PurePath(str(each)).name for each in _list(said, "relative_file_paths")))
     if not named:
         kinds = {each.with_suffix("").suffix if each.suffix == COMPRESSED else each.suffix for each in there}
         if len(kinds) > 1:
