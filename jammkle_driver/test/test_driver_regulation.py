@@ -205,6 +205,22 @@ def test_a_channel_that_is_never_jammed_faults(miss_pa: list[float]) -> None:
     assert "jam_timeout_s" in driver.ankle.channels["left"].why.text
 
 
+@pytest.mark.parametrize(
+    ("miss_pa", "said"), [(10e3, "a leak, a weak pump"), (-10e3, "a stuck valve or a blocked vent")]
+)
+def test_what_to_look_at_fits_the_side_that_is_missed(miss_pa: float, said: str) -> None:
+    """A channel that stays deeper than its set point has no leak; one that stays above it may have one."""
+    driver = Driver(("left",), DriverParameters(jam_timeout_s=1.0, diagnose=False))
+    driver.activate(Instant(0.0, 0.0))
+    driver.measure(PressureSample("left", STANDARD_ATMOSPHERE_PA, 0.0), Instant(0.0, 0.0))
+    driver.jam((), 40e3, "test")
+    for count in range(1, 110):
+        time_s = count * SAMPLE_S
+        sample = PressureSample("left", STANDARD_ATMOSPHERE_PA - 40e3 + miss_pa, time_s)
+        driver.measure(sample, Instant(time_s, time_s))
+    assert f"look for {said}" in driver.ankle.channels["left"].why.text
+
+
 def test_a_leaking_tendon_faults_and_lets_the_others_jam() -> None:
     """A channel that cannot reach its set point in jam_timeout_s is released with a reason; the others then hold."""
     bench = Bench(jam_timeout_s=1.0)

@@ -29,6 +29,10 @@ class ChannelState(enum.Enum):
     """Does not follow; released until the fault is cleared."""
 
 
+_LETS_NO_AIR_IN = "look for a stuck valve or a blocked vent"
+"""What to do about a channel that stays deeper than its set point: no leak and no weak pump leave it there."""
+
+
 class Channel:
     """State machine of one channel. Fed with set points and measurements; says whether to energise the solenoid.
 
@@ -182,7 +186,8 @@ class Channel:
             seen = (
                 f"at {self.vacuum_pa:.0f} of {self.set_point_pa:.0f} Pa, not JAMMED for {self._parameters.longest_jam}"
             )
-            self._give_up(Reason.NOT_REACHED, seen)
+            too_deep = self.vacuum_pa is not None and self.vacuum_pa > self.set_point_pa
+            self._give_up(Reason.NOT_REACHED, seen, _LETS_NO_AIR_IN if too_deep else "")
         elif self.set_point_pa == 0.0 and self.state is ChannelState.VENTING and self._in_state_s > longest_vent_s:
             seen = (
                 f"still at {self.vacuum_pa:.0f} Pa, wanted {self.set_point_pa:.0f} Pa, after venting for "
@@ -190,8 +195,8 @@ class Channel:
             )
             self._give_up(Reason.NOT_VENTED, seen)
 
-    def _give_up(self, reason: Reason, seen: str) -> None:
-        self.fail(finding(reason, self.name, seen, missed(self)).to_clear())
+    def _give_up(self, reason: Reason, seen: str, remedy: str = "") -> None:
+        self.fail(finding(reason, self.name, seen, missed(self), remedy).to_clear())
 
 
 def missed(channel: Channel) -> dict[str, str]:

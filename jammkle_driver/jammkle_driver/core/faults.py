@@ -74,7 +74,7 @@ class Finding:
         return replace(self, text=f"{self.text}, then call ~/clear_fault")
 
 
-def finding(reason: Reason, place: str, seen: str, values: Mapping[str, str]) -> Finding:
-    """Return a finding whose text begins with its place and ends with the remedy."""
-    remedy = REMEDIES.get(reason, "")
+def finding(reason: Reason, place: str, seen: str, values: Mapping[str, str], remedy: str = "") -> Finding:
+    """Return a finding whose text begins with its place and ends with the remedy: the usual one where none is given."""
+    remedy = remedy or REMEDIES.get(reason, "")
     return Finding(reason, place, f"{place} {seen}: {remedy}" if remedy else f"{place} {seen}", values)
