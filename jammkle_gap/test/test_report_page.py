@@ -339,6 +339,16 @@ def test_only_what_is_known_is_loaded(verdict: Verdict) -> None:
     assert "#   lever.length_m: 36.6 mm, nominal 40.0 mm (-1.7 standard deviations)" in text
 
 
+@pytest.mark.parametrize("moved", [0.0, 0.002])
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_the_note_says_constants_where_the_file_holds_some(verdict: Verdict, moved: float) -> None:
+    """Without references, too, none may have moved, or the machine has none; a diagnosis that was stopped has some."""
+    lever = FittedConstant("lever.length_m", "m", 0.04 + moved, 0.04, 500.0 * moved, (0.039, 0.044))
+    ledger = (LedgerEntry("constants of the machine", 0.0, 20.0), LedgerEntry("left", 1.0, 20.0))
+    found = dataclasses.replace(made_up(verdict), constants=(lever,), ledger=() if moved else ledger)
+    assert ("constants" in words.corrected_note(found, "out/corrected.yaml")) is (moved > 0.0)
+
+
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_only_the_notes_say_what_a_corrected_model_holds(verdict: Verdict) -> None:
     """It may hold a lead beside none of them, which the verdict does not say."""

@@ -380,15 +380,15 @@ def corrected_note(diagnosis: Diagnosis, file: str) -> str:
     if file.endswith(".xml"):
         return f"{file} holds what the notes say; load it in place of the model."
     use = f"jammkle rig ... --effects {file} runs with it"
-    if diagnosis.ledger and not (diagnosis.effects and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}):
+    constants = any(each.value != each.nominal for each in diagnosis.constants)
+    if constants and not (diagnosis.effects and diagnosis.verdict in {Verdict.EFFECTS, Verdict.AMBIGUOUS}):
         return f"{file} holds the constants of the machine, and no effect; {use}."
     if diagnosis.verdict is Verdict.NO_GAP:
         return f"{file} holds no effect: no gap was detected."
     if diagnosis.verdict is Verdict.UNKNOWN:
         return f"{file} holds no effect: what is kept beside none of them is not loaded."
-    if diagnosis.verdict is Verdict.AMBIGUOUS:
-        return f"{file} holds the most probable of the set; {use}."
-    return f"{file} holds it; {use}."
+    held = "the most probable of the set" if diagnosis.verdict is Verdict.AMBIGUOUS else "it"
+    return f"{file} holds {held}{', and the constants of the machine' if constants else ''}; {use}."
 
 
 def first_answer(shares: Sequence[tuple[str, float]]) -> str:
