@@ -13,8 +13,9 @@ from command_reference import NAME, parse
 from jammkle_gap.ankle.bag import Samples
 from jammkle_gap.ankle.problem import experiments
 from jammkle_gap.ankle.recording import bag_of_run, recording_of
+from jammkle_gap.ankle.segmentation import motion_phases
 from jammkle_gap.ankle.sensors import SensorSet, headline_set, largest_set, selected
-from jammkle_gap.core.data import BadRecordingError
+from jammkle_gap.core.data import BadRecordingError, Signal
 from jammkle_gap.report.words import times
 from recorded import ACHILLES, SIMULATOR, run, worst_gap
 
@@ -79,6 +80,36 @@ def test_phases_follow_commands_and_motion() -> None:
     assert pull == ["still", "loading", "reversal", "unloading", "still"]
     assert found("landing", "imu/specific_force_z") == ["still", "falling", "impact", "rebound", "still"]
     assert "sliding" in found("slip", "load_cell/force_z", foot="unjammed", speed_m_s=0.05)
+
+
+@pytest.mark.parametrize(("rate_hz", "noise_m"), [(100.0, 0.0), (100.0, 2e-5), (500.0, 2e-5), (1000.0, 1e-5)])
+@pytest.mark.parametrize("rest_s", [0.5, 5.0, 100.0])
+@pytest.mark.parametrize(
+    ("times_s", "places_mm", "expected"),
+    [
+        ((1.0, 3.0), (0.0, 10.0), ["still", "loading", "still"]),
+        ((1.0, 1.2), (0.0, -10.0), ["still", "sliding", "still"]),
+        ((1.0, 3.0, 5.0), (0.0, 10.0, 0.0), ["still", "loading", "reversal", "unloading", "still"]),
+        ((1.0, 3.0, 6.0, 8.0), (0.0, 10.0, 10.0, 0.0), ["still", "loading", "still", "reversal", "unloading", "still"]),
+        ((1.0, 1.5, 21.5), (0.0, 10.0, 0.0), ["still", "loading", "reversal", "unloading", "still"]),
+    ],
+)
+def test_phases_of_a_driven_slide_are_those_of_its_course(
+    times_s: tuple[float, ...],
+    places_mm: tuple[float, ...],
+    expected: list[str],
+    rest_s: float,
+    rate_hz: float,
+    noise_m: float,
+) -> None:
+    """Neither how long it then rests, nor how often and how noisily it is read, makes another motion of it."""
+    time_s = np.arange(0.0, times_s[-1] + rest_s, 1.0 / rate_hz)
+    noise = noise_m * np.random.default_rng(1).standard_normal(len(time_s))
+    position_m = np.interp(time_s, times_s, 1e-3 * np.array(places_mm)) + noise
+    found = motion_phases("tensile", Signal("carriage/position", "m", time_s, position_m), ("load_cell/force_z",))
+    assert [each.name for each in found] == expected
+    assert found[1].start_s == pytest.approx(times_s[0], abs=0.1)
+    assert found[-1].start_s == pytest.approx(times_s[-1], abs=0.1)
 
 
 @pytest.mark.parametrize(("rig", "options"), [("landing", {}), ("tensile", {"vacuum_pa": 50e3, "speed_m_s": 0.02})])

@@ -17,13 +17,13 @@ import numpy as np
 from jammkle_common import names
 from jammkle_gap.ankle.alignment import falls_of_imu, falls_of_slide
 from jammkle_gap.ankle.bag import CARRIAGE, COMMANDS
-from jammkle_gap.ankle.inputs import FALLING_RIGS, reading_noise_m
+from jammkle_gap.ankle.inputs import FALLING_RIGS, course_of, reading_noise_m
 from jammkle_gap.ankle.sensors import half_rise_s, pressure_signals
 from jammkle_gap.core.data import Phase
 from jammkle_sim.rigs.replay import Timeline, timestep_s
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -243,8 +243,15 @@ _REACHED = 0.95
 """Share of the vacuum of a stretch at which it counts as reached. Assumed."""
 _VENTED = 0.05
 """Share of it at which a channel counts as vented. Assumed."""
+_SLOW_SHARE = 0.1
+"""Share of all its way that a slide makes more slowly than its usual speed. Assumed: turns, and what noise leaves."""
 _MOVING_SHARE = 0.1
-"""Share of the slide's fastest steady speed above which it counts as moving. Assumed."""
+"""Share of the slide's usual speed above which it counts as moving. Assumed."""
+_STEADY_S = 0.04
+"""Time before and after over which its speed is taken, s. Chosen: noise of a bend does not count, and a turn does."""
+_NO_WAY = 0.01
+"""Share of its range that a slide which moves makes at least. Assumed: less is noise of the line of a rest."""
+_DIRECTIONS = {0: "still", 1: "up", -1: "down"}
 _REVERSAL_S = 0.2
 """How long after its turn a slide counts as reversing. Assumed: the jamming friction has turned by then."""
 _ALWAYS = 0.99
@@ -337,17 +344,27 @@ def motion_phases(rig: str, carriage: Signal | None, signals: tuple[str, ...]) -
 
 def _driven(carriage: Signal, signals: tuple[str, ...]) -> list[Phase]:
     """Loading away from the start, unloading back; a slide that only goes down pushes and slides."""
-    time_s = carriage.time_s
-    speed = _smooth(np.gradient(carriage.values, time_s))
-    fastest = float(np.percentile(np.abs(speed), 95))
-    if fastest <= 0.0 or float(np.ptp(carriage.values)) < 1e-4:  # noqa: PLR2004 - a tenth of a millimetre is no motion
+    time_s, range_m = carriage.time_s, float(np.ptp(carriage.values))
+    if range_m < 1e-4:  # noqa: PLR2004 - a tenth of a millimetre is no motion
         return [Phase("still", float(time_s[0]), float(time_s[-1]) + 1.0, signals)]
-    state = np.where(np.abs(speed) < _MOVING_SHARE * fastest, 0, np.sign(speed)).astype(int)
-    forward = int(state[np.flatnonzero(state)[0]])
-    goes_back = bool((state == -forward).any())
-    name = {0: "still", forward: "loading" if goes_back else "sliding", -forward: "unloading"}
-    phases = _runs(time_s, [name[value] for value in state.tolist()], signals)
-    return _with_reversals(phases)
+    # The lines that readings are laid on have none of their noise, however seldom the slide moves.
+    course = course_of(time_s, carriage.values)
+    speed = (course.at(time_s + _STEADY_S) - course.at(time_s - _STEADY_S)) / (2.0 * _STEADY_S)
+    slowest_first = np.sort(np.abs(speed))
+    way = np.cumsum(slowest_first)
+    usual = slowest_first[int(np.searchsorted(way, _SLOW_SHARE * way[-1]))]
+    state = np.where(np.abs(speed) < _MOVING_SHARE * usual, 0, np.sign(speed)).astype(int)
+    runs = _runs(time_s, [_DIRECTIONS[value] for value in state.tolist()], signals)
+    ways_m = [float(np.ptp(course.at(np.array([each.start_s, each.end_s])))) for each in runs]
+    runs = _merged(
+        dataclasses.replace(each, name=each.name if way_m > _NO_WAY * range_m else "still")
+        for each, way_m in zip(runs, ways_m, strict=True)
+    )
+    moving = [each.name for each in runs if each.name != "still"]
+    names = {"still": "still"}
+    if moving:
+        names[moving[0]] = "sliding" if {*moving} == {_DIRECTIONS[-1]} else "loading"
+    return _with_reversals([dataclasses.replace(each, name=names.get(each.name, "unloading")) for each in runs])
 
 
 def _falling(carriage: Signal, signals: tuple[str, ...]) -> list[Phase]:
@@ -402,21 +419,19 @@ def _runs(time_s: NDArray[np.float64], labels: Sequence[str], signals: tuple[str
             end_s = float(time_s[i]) if i < len(labels) else float(time_s[-1]) + 1.0
             phases.append(Phase(labels[begin], float(time_s[begin]), end_s, signals))
             begin = i
+    return _merged(phases)
+
+
+def _merged(phases: Iterable[Phase]) -> list[Phase]:
+    """Return phases of which no two that follow each other have one name; short ones go to the one before."""
     merged: list[Phase] = []
     for phase in phases:
         short = phase.end_s - phase.start_s < 0.05  # noqa: PLR2004 - what smoothing the speed leaves at a turn
         if merged and (short or merged[-1].name == phase.name):
-            merged[-1] = Phase(merged[-1].name, merged[-1].start_s, phase.end_s, signals)
+            merged[-1] = Phase(merged[-1].name, merged[-1].start_s, phase.end_s, phase.signals)
         else:
             merged.append(phase)
     return merged
-
-
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    width = min(11, len(values))
-    kernel = np.full(width, 1.0 / width)
-    smoothed: NDArray[np.float64] = np.convolve(np.pad(values, width // 2, mode="edge"), kernel, mode="valid")
-    return smoothed[: len(values)]
 
 
 def _two(
