@@ -15,6 +15,7 @@ from jammkle_gap.core.features import (
     features_of,
     layout_of,
     measured,
+    new_readings,
     noise_of,
     refuse_unknown_noise,
     stuck_in,
@@ -241,3 +242,44 @@ def test_a_signal_that_never_changes_is_as_noisy_as_others_in_its_unit() -> None
     assert stuck_in(declared) == ()
     with pytest.raises(BadRecordingError, match=r"still never changes .* in N .* declare its noise"):
         refuse_unknown_noise([Recording("run", (still,))])
+
+
+def published(time_s: NDArray[np.float64], read: NDArray[np.float64], how: str) -> tuple[NDArray[np.float64], ...]:
+    """Return when readings were published, and what: as they are, repeated, or put on a finer clock, rounded or not."""
+    at_s = np.arange(0.0, time_s[-1], 0.003)
+    if how == "repeated":
+        return at_s, read[np.searchsorted(time_s, at_s, side="right") - 1]
+    between = np.interp(at_s, time_s, read)
+    return {"plain": (time_s, read), "between": (at_s, between), "rounded": (at_s, between.round(4))}[how]
+
+
+@pytest.mark.parametrize("rate_hz", [8.0, 20.0, 50.0])
+@pytest.mark.parametrize("how", ["plain", "repeated", "between", "rounded"])
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_reading_counts_once_however_often_it_is_published(rate_hz: float, how: str, *, declared: bool) -> None:
+    """What is fitted to the features of a sensor, slower than bins or than its messages, is as sure as it is said.
+
+    The size of a slow motion is fitted to many recordings of it: it scatters by what their floor promises.
+    """
+    random = np.random.default_rng(1)
+    time_s = np.arange(0.0, 30.0, 1.0 / rate_hz)
+    off = []
+    for _ in range(60):
+        noise = random.normal(0.0, 0.05, time_s.size)
+        (at_s, values), (_, quiet) = (published(time_s, np.sin(time_s) + each, how) for each in (noise, 0.0 * noise))
+        run = Recording("run", (Signal("angle", "rad", at_s, values, noise=0.05 if declared else 0.0),))
+        layout = layout_of([run], 0.02, None)
+        found, shape = (features_of(layout, run, {"angle": each}, None) for each in (values, quiet))
+        weights = shape / layout.floor**2
+        off.append(float(weights @ (found - shape)) / float(np.sqrt(weights @ shape)))
+    assert 0.75 < np.std(off) < 1.3
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.5, 3.0])
+@pytest.mark.parametrize("motion", [still, ramp(0.1), ramp(0.5), ramp(1.5), ramp(7.3), ramp(70.0), swing(0.8), release])
+def test_readings_of_a_coarse_sensor_are_new(motion: Motion, noise: float) -> None:
+    """Rounding repeats them, too, and leaves straight lines."""
+    random = np.random.default_rng(2)
+    time_s = np.arange(0.0, DURATION_S, 0.002)
+    read = STEP * np.round((motion(time_s, random) + random.normal(0.0, noise * STEP, time_s.shape)) / STEP)
+    assert len(new_readings(read)) == len(read)

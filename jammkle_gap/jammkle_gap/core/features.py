@@ -35,11 +35,47 @@ def noise_of(signal: Signal) -> tuple[float, float]:
     """
     if signal.noise > 0.0 or signal.resolution > 0.0:
         return signal.noise, signal.resolution
-    if signal.values.size < BLOCKS + len(_WEIGHTS) - 1:
+    values = signal.values[new_readings(signal.values)]
+    if values.size < BLOCKS + len(_WEIGHTS) - 1:
         return 0.0, 0.0
-    second = np.convolve(signal.values, _WEIGHTS, "valid")
+    second = np.convolve(values, _WEIGHTS, "valid")
     variances = [np.square(block).mean() for block in np.array_split(second, BLOCKS)]
     return float(np.sqrt(np.median(variances) / np.square(_WEIGHTS).sum())), _smallest_step(signal.values)
+
+
+def new_readings(values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return which readings are new, rising; the others say nothing that these do not.
+
+    A driver that publishes more often than its sensor reads repeats what it has, and a table that was put on a finer
+    clock is straight between its readings. They show by new ones that come evenly, several steps apart: the rounding of
+    a coarse sensor repeats readings and leaves lines, too, but goes on by a step. What is published less than twice as
+    often, or on a clock less than four times as fine, is not told from readings.
+    """
+    step = max(_smallest_step(values), 1e-9 * float(np.abs(values).max(initial=0.0)))
+    changes, bends = np.abs(np.diff(values)), np.abs(np.convolve(values, _WEIGHTS, "valid"))
+    bent = np.flatnonzero(bends > _ROUNDED * step)
+    # A reading that lies between two samples bends the line at both.
+    for off, new in (
+        (changes[changes > 0.0], np.flatnonzero(changes)),
+        (bends[bent], bent[np.diff(bent, prepend=-2) > 1]),
+    ):
+        between = np.diff(new)
+        if between.size < _FEWEST_NEW or float(np.median(off)) < _SEVERAL * step:
+            continue
+        usual = float(np.median(between))
+        if usual > 1.0 and float((np.abs(between - usual) <= 1.0).mean()) > _EVEN:
+            return np.concatenate(([0], new + 1))
+    return np.arange(values.size)
+
+
+_ROUNDED = 1.01
+"""Steps by which rounding bends a straight line at most: one, and what floats make of it."""
+_SEVERAL = 3.0
+"""Steps that new readings must be apart. Chosen: a motion that rounding repeats goes on by one or two."""
+_FEWEST_NEW = 20
+"""New readings that must be there. Chosen: no motion turns so often, so evenly."""
+_EVEN = 0.75
+"""Share of them that must come evenly, to a sample. Chosen: some are lost, and some lie on a line by chance."""
 
 
 def _smallest_step(values: NDArray[np.float64]) -> float:
@@ -262,6 +298,9 @@ def refuse_unknown_noise(recordings: Sequence[Recording]) -> None:
 def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bins: int) -> NDArray[np.float64]:
     """Return the least standard deviation of a signal's bins: noise and rounding of its sensor, shape (bins,).
 
+    Bins that share a reading, as of a sensor slower than they are, count for no more than it: their variance is larger
+    by as many.
+
     Args:
         runs: Registered times, s, and the signal, of each run.
         bin_s: Length of a bin, s.
@@ -269,20 +308,20 @@ def _floor(runs: Sequence[tuple[NDArray[np.float64], Signal]], bin_s: float, bin
 
     """
     signal = runs[0][1]
+    new = [new_readings(each.values) for _, each in runs]
     # Runs may have been recorded at other rates: variances are averaged.
-    per_bin = 1.0 / float(np.mean([1.0 / _samples_per_bin(each, bin_s) for _, each in runs]))
+    counts = [
+        len(own) / max(float(np.ptp(each.time_s)), bin_s) * bin_s for own, (_, each) in zip(new, runs, strict=True)
+    ]
+    per_bin = 1.0 / float(np.mean([1.0 / count for count in counts]))
     noise, step = np.mean([noise_of(each) for _, each in runs], axis=0)
     square = np.full(bins, noise**2 / per_bin)
     if step > 0.0:
-        spread = varying([(time_s, each.values) for time_s, each in runs], bin_s, bins)
-        square += mean_error(spread, step, per_bin)
+        read = [(time_s[own], each.values[own]) for own, (time_s, each) in zip(new, runs, strict=True)]
+        square += mean_error(varying(read, bin_s, bins), step, max(per_bin, 1.0)) / min(per_bin, 1.0)
     rounding = 1e-9 * max(float(np.abs(signal.values).max()), 1e-9)
     floor: NDArray[np.float64] = np.maximum(np.sqrt(square), rounding)
     return floor
-
-
-def _samples_per_bin(signal: Signal, bin_s: float) -> float:
-    return max(len(signal.time_s) / max(float(signal.time_s[-1] - signal.time_s[0]), bin_s) * bin_s, 1.0)
 
 
 def measured(recording: Recording) -> dict[str, NDArray[np.float64]]:

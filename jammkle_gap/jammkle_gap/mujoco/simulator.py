@@ -11,6 +11,7 @@ import numpy as np
 from mujoco import rollout  # type: ignore[import-untyped]  # carries no types
 from scipy.signal import lfilter  # type: ignore[import-untyped]  # carries no types
 
+from jammkle_gap.core.features import new_readings
 from jammkle_gap.core.simulate import InfeasibleError
 from jammkle_gap.mujoco.coupled import Equalities
 from jammkle_gap.mujoco.nonideal import Nonidealities, backlash_offset, update_friction
@@ -174,6 +175,7 @@ def scale_of(signal: Signal) -> float:
 
 def deviation_of(values: Array) -> float:
     """Return the standard deviation of one reading, by second differences (Gasser et al. 1986, Biometrika 73:625)."""
+    values = values[new_readings(values)]
     second = values[1:-1] - 0.5 * (values[:-2] + values[2:])
     blocks = [float(np.square(each).mean()) for each in np.array_split(second, _BLOCKS) if each.size]
     steps = np.diff(np.unique(values))
