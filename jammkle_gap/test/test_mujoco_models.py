@@ -298,3 +298,35 @@ def test_windows_do_not_know_what_was_commanded_in_the_one_before(tmp_path: Path
     second = recording.signal("pan/position").time_s >= motion.window_s
     made = [simulator(each, size)["pan/position"][second] for each in (recording, changed)]
     assert np.abs(made[0] - made[1]).max() < 1e-6
+
+
+KNEE = f"""<body name="shank" pos=".1 0 0"><inertial pos=".05 0 -.02" mass=".3" {INERTIA}/>
+  <joint name="knee" axis="0 1 0" damping=".02"/></body>"""
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_drives_hold_no_weight_where_there_is_none_of_them(tmp_path: Path, *, loaded: bool) -> None:
+    """All of it where a drive is; a joint that swings freely hangs on, also in the corrected model."""
+    swung = 0.3 * np.cos(4.0 * TIMES_S) + 1e-4 * np.random.default_rng(1).normal(size=TIMES_S.size)
+    run = recorded({"knee.position": swung})
+    robot, _, simulator = compared(model(tmp_path, beyond=KNEE), run)
+    assert [each.joint for each in robot.drives] == ["pan", "tilt"]
+    values = {"gravity_compensation.share": 1.0}
+    machine = simulator.machine(values)
+    made = machine.model
+    if loaded:
+        made = mujoco.MjModel.from_xml_string(corrected_of(robot, machine, values, tmp_path).xml)
+    data = mujoco.MjData(made)
+    mujoco.mj_forward(made, data)
+    held = data.qfrc_actuator + data.qfrc_passive
+    knee, tilt = (int(made.joint(name).dofadr[0]) for name in ("knee", "tilt"))
+    assert held[tilt] == pytest.approx(data.qfrc_bias[tilt], rel=1e-6)
+    assert abs(data.qfrc_bias[knee]) > 0.1
+    assert held[knee] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_holds_weight_is_not_offered_where_a_base_is_free(tmp_path: Path) -> None:
+    """It would float."""
+    for base, offered in (("held", True), ("free", False)):
+        robot, recording, _ = compared(model(tmp_path, base="<freejoint/>"), recorded(), {"base": base})
+        assert ("gravity_compensation" in {each.name for each in robot_library(robot, [recording]).effects}) is offered

@@ -129,12 +129,19 @@ def _scale_drive(machine: Machine, joint: str, factor: float, *, fed: bool) -> N
                 machine.fed_share[joint] = machine.fed_share.get(joint, 1.0) * factor
 
 
-def hold_weight(joints: tuple[str, ...], machine: Machine, values: Sequence[float]) -> None:
-    """Let drives hold a share of the weight beside their set points."""
+def hold_weight(driven: tuple[str, ...], passive: tuple[str, ...], machine: Machine, values: Sequence[float]) -> None:
+    """Let drives hold a share of the weight beside their set points; at joints without a drive nothing holds any."""
     model = machine.model
-    for joint in joints:
+    for joint in (*driven, *passive):
         model.jnt_actgravcomp[model.joint(joint).id] = 1
+    for joint in passive:  # what would act there is cut to nothing
+        number = model.joint(joint).id
+        model.jnt_actfrclimited[number], model.jnt_actfrcrange[number] = 1, (-_NOTHING, _NOTHING)
     model.body_gravcomp[:] += values[0]
+
+
+_NOTHING = 1e-9
+"""Limit of a torque or force that is none, N m or N: MuJoCo takes no empty range."""
 
 
 def put_stop(joint: str, upper: bool, machine: Machine, values: Sequence[float]) -> None:  # noqa: FBT001 - lower, or upper

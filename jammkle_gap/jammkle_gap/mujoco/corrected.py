@@ -173,8 +173,12 @@ def _put_flags(robot: Robot, changed: mujoco.MjModel, model: mujoco.MjModel, spe
             spec.actuators[_actuator_of(model, drive.joint)].forcelimited = True
         if changed.jnt_limited[changed.joint(drive.joint).id]:
             spec.joint(drive.joint).limited = True
-        if changed.jnt_actgravcomp[changed.joint(drive.joint).id]:
-            spec.joint(drive.joint).actgravcomp = True
+    for joint in robot.joints:
+        if changed.jnt_actgravcomp[number := changed.joint(joint).id]:
+            own = spec.joint(joint)
+            own.actgravcomp = True
+            own.actfrclimited = bool(changed.jnt_actfrclimited[number])
+            own.actfrcrange = changed.jnt_actfrcrange[number]
     if not np.array_equal(changed.body_gravcomp, robot.model.body_gravcomp):
         for number, body in enumerate(spec.bodies):
             body.gravcomp = float(changed.body_gravcomp[number])

@@ -439,13 +439,14 @@ def _on_timing(robot: Robot) -> Iterator[tuple[Effect, Change]]:
     rate = EffectParameter("rate", "1", 0.0, -0.01, 0.01, "assumed: clocks without synchronisation, within 1 %")
     sentence = "The clock of the readings runs at another rate than that of the commands: synchronise them."
     yield Effect("clock_skew", "timing", (rate,), sentence), partial(changes.change_timing, "clock_rate")
-    turning = tuple(each.joint for each in robot.drives if robot.is_turning(each.joint))
-    if turning:
+    if robot.given.base is not Base.FREE:  # MuJoCo would hold a base that is free, too
+        driven = tuple(each.joint for each in robot.drives)
+        passive = tuple(name for name in robot.joints if name not in driven)
         lowest = -1.0 if float(robot.model.body_gravcomp.max()) > 0.5 else 0.0  # noqa: PLR2004 - rather with it
         share = EffectParameter("share", "1", 0.0, lowest, lowest + 1.0, "from none to all of the weight")
         sentence = "The drives hold another share of the weight by themselves: look at gravity compensation."
         effect = Effect("gravity_compensation", "drives", (share,), sentence)
-        yield effect, partial(changes.hold_weight, turning)
+        yield effect, partial(changes.hold_weight, driven, passive)
 
 
 def _on_base(robot: Robot) -> Iterator[tuple[Effect, Change]]:
