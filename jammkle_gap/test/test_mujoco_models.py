@@ -216,6 +216,26 @@ def test_a_joint_that_stands_gets_bounds_of_a_real_one(tmp_path: Path) -> None:
     assert 0.0 < coefficient.maximum < 1e5
 
 
+@pytest.mark.parametrize("rubs", [0.0, 0.5])
+@pytest.mark.parametrize("by", ["drive", "effort"])
+def test_a_joint_may_rub_as_much_as_was_seen_to_act_on_it(tmp_path: Path, rubs: float, by: str) -> None:
+    """A pan that carries no load takes 0.03 N m to move. Its bound is as if friction were none, or above it."""
+    rate = np.gradient(ASKED[:, 0], TIMES_S)
+    friction = rubs * np.tanh(20.0 * rate)
+    if by == "drive":
+        position = ASKED[:, 0] - (0.3 * rate + friction) / 8.0
+        _, recording, simulator = compared(model(tmp_path), recorded({"pan.position": position}))
+    else:
+        efforts = {"pan.effort": friction + 1e-3 * np.sin(50.0 * TIMES_S), "tilt.effort": 0.3 * np.cos(ASKED[:, 1])}
+        run = recorded(efforts)
+        _, recording, simulator = compared(model(tmp_path), replace(run, commands={}))
+    (torque,) = robot_library(simulator.robot, [recording]).effects.effect("friction_pan").parameters
+    if rubs:
+        assert 1.2 * rubs < torque.maximum < 3.0 * rubs
+    else:
+        assert 0.01 < torque.maximum < 0.2
+
+
 def test_two_groups_of_motors_by_one_name_are_both_offered(tmp_path: Path) -> None:
     """Of an arm whose joints have a name and a number, the strong first ones and the weak last ones."""
     file, names = tmp_path / "arm.xml", [f"panda_joint{k}" for k in range(1, 6)]

@@ -22,6 +22,8 @@ from jammkle_sim.physics.engine import mujoco
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from jammkle_gap.core.data import Recording
     from jammkle_gap.mujoco.changes import JointChange
     from jammkle_gap.mujoco.robot import Robot
@@ -93,6 +95,8 @@ class _Scale:
 
     torque: float
     """Largest that inverse dynamics of the nominal model gives, N m or N."""
+    beyond: float
+    """Root mean square of what acted beside that, by its drive or as its effort was read, N m or N."""
     speed: float
     """Largest, rad/s or m/s."""
     inertia: float
@@ -138,21 +142,26 @@ def _scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, _Scal
     data = mujoco.MjData(model)
     positions = [int(model.joint(name).qposadr[0]) for name in robot.joints]
     dofs = [robot.dof(name) for name in robot.joints]
-    torque, speed, inertia = (np.zeros(len(dofs)) for _ in range(3))
+    torque, speed, inertia, beyond = (np.zeros(len(dofs)) for _ in range(4))
     lowest, highest = np.full(len(dofs), np.inf), np.full(len(dofs), -np.inf)
     for recording in recordings:
         motion: Motion = recording.inputs
         lowest = np.minimum(lowest, motion.position.min(axis=0))
         highest = np.maximum(highest, motion.position.max(axis=0))
         speed = np.maximum(speed, np.abs(motion.velocity).max(axis=0))
-        for k in range(0, len(motion.position), max(len(motion.position) // _SAMPLES, 1)):
+        acted = _acted(robot, recording)
+        sampled = range(0, len(motion.position), max(len(motion.position) // _SAMPLES, 1))
+        squares, known = np.zeros(len(dofs)), np.maximum(np.isfinite(acted[sampled]).sum(axis=0), 1)
+        for k in sampled:
             data.qpos[positions], data.qvel[dofs] = motion.position[k], motion.velocity[k]
             data.qacc[dofs] = motion.acceleration[k]
             mujoco.mj_inverse(model, data)
             torque = np.maximum(torque, np.abs(data.qfrc_inverse[dofs]))
+            squares += np.square(np.nan_to_num(acted[k] - data.qfrc_inverse[dofs]))
             mass = np.zeros((model.nv, model.nv))
             mujoco.mj_fullM(model, data, mass)
             inertia = np.maximum(inertia, np.diag(mass)[dofs])
+        beyond = np.maximum(beyond, np.sqrt(squares / known))
     turning = [robot.is_turning(name) for name in robot.joints]
     for kind in (True, False):
         own = np.array([each == kind for each in turning])
@@ -163,6 +172,7 @@ def _scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, _Scal
     return {
         name: _Scale(
             torque=float(torque[k]),
+            beyond=float(beyond[k]),
             speed=float(speed[k]),
             inertia=float(inertia[k]),
             stiffness=kp.get(name, float("nan")),
@@ -173,6 +183,28 @@ def _scales_of(robot: Robot, recordings: Sequence[Recording]) -> dict[str, _Scal
     }
 
 
+def _acted(robot: Robot, recording: Recording) -> NDArray[np.float64]:
+    """Return what acted on each joint, by its drive or its effort, shape (n, joints), N m or N; NaN: nobody knows."""
+    motion: Motion = recording.inputs
+    found = np.full(motion.position.shape, np.nan)
+    for column, drive in enumerate(robot.drives):
+        actuator, k = robot.model.actuator(drive.actuator), robot.joints.index(drive.joint)
+        force = actuator.gainprm[0] * motion.set_points[:, column] + actuator.biasprm[0] + motion.fed_effort[:, column]
+        force += actuator.biasprm[1] * motion.position[:, k]
+        force += actuator.biasprm[2] * (motion.velocity[:, k] - motion.fed_velocity[:, column])
+        limited = robot.model.actuator_forcelimited[actuator.id]
+        found[:, k] = np.clip(force, *actuator.forcerange) if limited else force
+    if not robot.drives:
+        grid_s = motion.step_s * np.arange(len(motion.position))
+        for joint in robot.efforts:
+            read = recording.signal(f"{joint}/effort")
+            at_s = read.time_s + motion.starts_s[0]
+            found[:, robot.joints.index(joint)] = np.interp(grid_s, at_s, read.values, np.nan, np.nan)
+    return found
+
+
+_MOVES = 0.25
+"""Share of a recording that a joint which rubs moves for at least, so that twice a root mean square is its friction."""
 _SAMPLES = 200
 """Of a recording that the largest torque is taken from."""
 _LEAST = 0.05
@@ -196,14 +228,17 @@ class Family:
     able: str = "joint"
     """Joints that it may be of: a `joint`, a `motor` (of a drive, or whose effort is known), a `drive`, or a `position`
     drive."""
+    seen: bool = False
+    """Whether its first number may be as large as what was seen to act beside what the motion takes."""
 
 
 _SHEETS = "data sheets of gears and servos: no-load running torque of a tenth to a half of the rated one"
 _BY_MOTION = "assumed: up to what the motion takes of torque, and four times that of a torque that grows with speed"
+_BY_FORCE = "assumed: up to what the motion takes, or what was seen to act beside it in a quarter of the time"
 FAMILIES = (
-    Family("friction", "joints", (EffectParameter("torque", "torque", 0.0, 0.0, 1.0, _BY_MOTION),),
+    Family("friction", "joints", (EffectParameter("torque", "torque", 0.0, 0.0, 1.0, _BY_FORCE),),
            partial(changes.add_to_dof, "dof_frictionloss"), "{where} [rub|rubs] more than the model says",
-           "turn by hand with the motors off; look at bearings and seals"),
+           "turn by hand with the motors off; look at bearings and seals", seen=True),
     Family("damping", "joints", (EffectParameter("coefficient", "damping", 0.0, 0.0, 4.0, _BY_MOTION),),
            partial(changes.add_to_dof, "dof_damping"),
            "{where} [are|is] slowed by [their|its] speed more than the model says",
@@ -316,7 +351,12 @@ def _on_joints(
     family: Family, name: str, joints: tuple[str, ...], scales: Mapping[str, _Scale]
 ) -> tuple[Effect, Change]:
     """Return an effect of one joint, in its units, or of several, in shares of what each joint's motion takes."""
-    sizes = tuple(tuple(scales[joint].size_of(each.unit) for each in family.numbers) for joint in joints)
+    numbers = family.numbers
+    if family.seen:
+        first, *rest = numbers
+        acted = min(scales[joint].beyond / scales[joint].torque for joint in joints) / np.sqrt(_MOVES)
+        numbers = (replace(first, maximum=max(first.maximum, float(acted))), *rest)
+    sizes = tuple(tuple(scales[joint].size_of(each.unit) for each in numbers) for joint in joints)
     if len(joints) == 1:
         where, turning = f"joint {joints[0]}", scales[joints[0]].turning
         parameters = tuple(
@@ -327,14 +367,12 @@ def _on_joints(
                 minimum=each.minimum * size,
                 maximum=each.maximum * size,
             )
-            for each, size in zip(family.numbers, sizes[0], strict=True)
+            for each, size in zip(numbers, sizes[0], strict=True)
         )
-        sizes = (tuple(1.0 for _ in family.numbers),)
+        sizes = (tuple(1.0 for _ in numbers),)
     else:
         where = f"the joints {', '.join(joints)}"
-        parameters = tuple(
-            replace(each, unit=_UNITS[each.unit][0] if each.unit in _PLAIN else "1") for each in family.numbers
-        )
+        parameters = tuple(replace(each, unit=_UNITS[each.unit][0] if each.unit in _PLAIN else "1") for each in numbers)
     finding = re.sub(r"\[(.+?)\|(.+?)\]", r"\2" if len(joints) == 1 else r"\1", family.finding).format(where=where)
     sentence = f"{finding[:1].upper()}{finding[1:]}: {family.check}."
     change = partial(changes.change_joints, family.change, joints, sizes)
