@@ -77,6 +77,17 @@ def test_the_cause_is_named_with_its_size() -> None:
     assert as_dict(found)["effects"][0]["name"] == "load"
 
 
+@pytest.mark.parametrize("most", [0.5, 0.152])
+def test_an_interval_says_whether_a_bound_of_the_library_cuts_it(most: float) -> None:
+    """What lies at 0.15 and may be at most 0.152 has no interval of the posterior's."""
+    made = machine(3)
+    problem = replace(PROBLEM, library=Library((effect("load", "share", "1", most),)))
+    (cause,) = diagnose(made.record(3, LOAD), problem, references=made.record(5), jobs=1).effects
+    (share,) = cause.parameters
+    assert share.is_cut is (most == share.interval[1])
+    assert share.is_cut is (most < 0.2)
+
+
 def test_a_healthy_machine_has_no_gap() -> None:
     """Though its constants are not the simulator's."""
     made = machine(5)

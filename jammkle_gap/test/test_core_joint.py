@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ from jammkle_gap import (
     Runner,
     Signal,
     Verdict,
+    as_dict,
     diagnose,
     evidence_of,
 )
@@ -287,6 +289,7 @@ def test_constants_beyond_their_tolerance_are_a_gap_and_are_named(stiffness: flo
     found = diagnose(recorded(43, {}, {"servo.stiffness": stiffness}), replace(EXACT, library=offered), jobs=1)
     assert found.verdict is Verdict.UNKNOWN
     assert found.gap.corrected < 1.1
+    assert json.loads(json.dumps(as_dict(found)))["constants"]["arm.mass"]["is_cut"] is False
     (far,) = beyond(found.constants)
     assert (far.name, far.value) == ("servo.stiffness", pytest.approx(stiffness, abs=0.02))
     (named_constant,) = (reason for reason in found.reasons if "beyond its tolerance" in reason)

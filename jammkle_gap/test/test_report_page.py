@@ -307,6 +307,18 @@ def test_the_ledger_and_the_fitted_constants_are_on_the_page() -> None:
     assert 'id="waterfall"' not in page(dataclasses.replace(found, ledger=nothing), alone)
 
 
+def test_an_interval_that_is_cut_at_a_bound_says_so() -> None:
+    """Of effects and of constants, and nowhere else."""
+    lever = FittedConstant("lever.length_m", "m", 0.0448, 0.04, 2.4, (0.043, 0.045), is_cut=True)
+    (leak,) = LEAK.parameters
+    cut = dataclasses.replace(LEAK, parameters=(dataclasses.replace(leak, is_cut=True),))
+    found = dataclasses.replace(made_up(Verdict.EFFECTS), candidates=(candidate((cut,), 0.97),), constants=(lever,))
+    said = Reader(page(found, ASKED)).words
+    assert "1.00 to 4.00 mm, cut at a bound" in said
+    assert "43.0 to 45.0 mm, cut at a bound" in said
+    assert "cut" not in Reader(page(made_up(Verdict.EFFECTS), ASKED)).words
+
+
 def test_a_part_that_leaves_more_than_was_there_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     """Constants fitted without the effect stand in for it, and predict worse than the nominal simulator."""
     for gap, said in ((25.0, True), (9.0, False)):

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from jammkle_gap.core.decide import Detection, Names, Posterior
     from jammkle_gap.core.design import Experiment
     from jammkle_gap.core.discrepancy import Discrepancy
+    from jammkle_gap.core.effects import EffectParameter, Nuisance
     from jammkle_gap.core.explain import Explained
     from jammkle_gap.core.fit import Fit, GridFeatures
     from jammkle_gap.core.joint import Machine
@@ -134,7 +135,7 @@ def _fitted(evidence: Evidence, fit: Fit) -> tuple[FittedEffect, ...]:
             key = effect.key(each)
             value, index = fit.values[key], list(fit.values).index(key)
             span = each.maximum - each.minimum
-            low, high = max(value - half[index], each.minimum), min(value + half[index], each.maximum)
+            interval, is_cut = _within(value, float(half[index]), each)
             beyond = [end for end in (each.minimum, each.maximum) if end != each.null]  # where it is off is no bound
             bound = any(abs(value - end) < _AT_BOUND * span for end in beyond) and value != each.null
             seen = float(np.linalg.norm(fit.jacobian[:, index]))
@@ -143,11 +144,18 @@ def _fitted(evidence: Evidence, fit: Fit) -> tuple[FittedEffect, ...]:
             inside = each.minimum <= detectable <= each.maximum
             parameters.append(
                 FittedParameter(
-                    each.name, each.unit, value, (low, high), bool(bound), float(detectable) if inside else np.nan
+                    each.name, each.unit, value, interval, bool(bound), float(detectable) if inside else np.nan, is_cut
                 )
             )
         found.append(FittedEffect(name, effect.subsystem, effect.sentence, tuple(parameters)))
     return tuple(found)
+
+
+def _within(value: float, half: float, of: EffectParameter | Nuisance) -> tuple[tuple[float, float], bool]:
+    """Return an interval within bounds, and whether one of them cuts it; where it is off is no bound."""
+    low, high = max(value - half, of.minimum), min(value + half, of.maximum)
+    cut = (low > value - half and low != of.null) or (high < value + half and high != of.null)
+    return (low, high), bool(cut)
 
 
 def _half_widths(evidence: Evidence, fit: Fit) -> NDArray[np.float64]:
@@ -358,8 +366,11 @@ def _constants(evidence: Evidence, fit: Fit) -> tuple[FittedConstant, ...]:
     found = []
     for each, variance in zip(constants, np.diag(covariance).tolist(), strict=True):
         value, half = fit.machine.get(each.name, each.null), _Z90 * np.sqrt(variance) * each.sigma
-        interval = (max(value - half, each.minimum), min(value + half, each.maximum))
-        found.append(FittedConstant(each.name, each.unit, value, each.null, (value - each.null) / each.sigma, interval))
+        found.append(
+            FittedConstant(
+                each.name, each.unit, value, each.null, (value - each.null) / each.sigma, *_within(value, half, each)
+            )
+        )
     return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
 
 

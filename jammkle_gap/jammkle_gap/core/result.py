@@ -40,6 +40,8 @@ class FittedParameter:
     """Whether it ended at a bound, where the truth may lie outside."""
     detectable: float
     """Smallest value on this side of null that an ideal diagnosis would detect with these recordings; NaN: none."""
+    is_cut: bool = False
+    """Whether the interval ends at a bound, beyond which it would go on."""
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,8 @@ class FittedConstant:
     """From nominal, in standard deviations of its tolerance."""
     interval: tuple[float, float]
     """90 % interval, in `unit`."""
+    is_cut: bool = False
+    """Whether it ends at a bound, beyond which it would go on."""
 
 
 _FAR = 3.0

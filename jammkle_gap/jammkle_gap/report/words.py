@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from jammkle_common.command.results import Origin
     from jammkle_gap.core.effects import Nuisance
-    from jammkle_gap.core.result import Candidate, Diagnosis, FittedConstant, FittedEffect, Place
+    from jammkle_gap.core.result import Candidate, Diagnosis, FittedConstant, FittedEffect, FittedParameter, Place
 
 PHASE_WORDS = {
     "evacuating": "while it is evacuated",
@@ -418,7 +418,7 @@ def parameter_lines(effects: Sequence[FittedEffect]) -> list[dict[str, str]]:
             "parameter": each.name,
             "quantity": _without_unit(each.name, each.unit),
             "value": estimate(each.value, each.interval, each.unit),
-            "interval": span(each.value, each.interval, each.unit),
+            "interval": _interval(each),
             "detectable": estimate(each.detectable, each.interval, each.unit)
             if math.isfinite(each.detectable)
             else "none within its bounds",
@@ -460,7 +460,7 @@ def constant_lines(diagnosis: Diagnosis, constants: Sequence[Nuisance]) -> list[
             (
                 each.name,
                 each.deviations,
-                f"{quantity(each.value, each.unit)} ({span(each.value, each.interval, each.unit)})",
+                f"{quantity(each.value, each.unit)} ({_interval(each)})",
             )
             for each in diagnosis.constants
             if abs(each.deviations) >= _MOVED
@@ -544,6 +544,12 @@ def span(value: float, interval: tuple[float, float], unit: str) -> str:
     factor, name = scale(value or max(interval, key=abs), unit)
     low, high = (_to(end / factor, (interval[1] - interval[0]) / factor) for end in interval)
     return f"{low} to {high} {name}".rstrip()
+
+
+def _interval(fitted: FittedParameter | FittedConstant) -> str:
+    """Return the interval of what was fitted, and whether it is none of the posterior's, but ends at a bound."""
+    shown = span(fitted.value, fitted.interval, fitted.unit)
+    return f"{shown}, cut at a bound" if fitted.is_cut else shown
 
 
 def _to(value: float, width: float) -> str:
