@@ -297,7 +297,9 @@ def test_constants_beyond_their_tolerance_are_a_gap_and_are_named(stiffness: flo
     assert "arm.mass" not in named_constant
     assert "servo.stiffness" in headline(found)
     assert answers(found)[1].short == "servo.stiffness"
-    assert any(text.startswith("servo.stiffness: measure it") for text in checks(found, {}))
+    assert [each.names for each in found.candidates] == [()]
+    (check,) = checks(found, {})
+    assert check.startswith("servo.stiffness: measure it")
 
 
 def test_an_effect_that_is_a_constant_as_well_takes_over_beyond_its_tolerance() -> None:

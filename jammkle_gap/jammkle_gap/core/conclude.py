@@ -81,6 +81,9 @@ class Evidence:
 
 _Z90 = 1.645
 """Half of a 90 % interval, in standard deviations."""
+_IDLE = 0.01
+"""Share of what the constants leave below which an effect is as good as none of them. Chosen: a parameter that is
+fitted to the noise of a hundred features explains as much."""
 _AT_BOUND = 0.01
 """Share of a parameter's range from a bound within which it counts as at it."""
 
@@ -224,6 +227,9 @@ def conclude(evidence: Evidence, experiments: Sequence[Experiment], runner: Runn
     first = NONE_OF_THEM if verdict is Verdict.UNKNOWN else None
     if verdict is Verdict.UNKNOWN:
         likely[NONE_OF_THEM] = shared[NONE_OF_THEM]
+        if detection.seen is Seen.IN_CONSTANTS:
+            idle = [names for names in likely if names in fits and explained_by(evidence, fits[names]) < _IDLE]
+            likely[NONE_OF_THEM] += sum(likely.pop(names) for names in idle)
     credible = sorted(likely, key=lambda names: (names != first, -likely[names]))
     if verdict is Verdict.NO_GAP:
         credible = []
