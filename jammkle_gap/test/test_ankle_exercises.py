@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jammkle_common import names
 from jammkle_common.bags.definitions import MessageDefinitions, share_folders
@@ -178,6 +179,29 @@ def test_a_recorder_that_was_switched_on_early_changes_nothing() -> None:
     late = recording_of(dataclasses.replace(given, topics=topics, simulated=False))
     assert not difference(late, exercised("shake"))
     assert late.signals[0].time_s[0] == pytest.approx(exercised("shake").signals[0].time_s[0], abs=0.01)
+
+
+def moved(recording: Recording, time_s: np.ndarray, readings: np.ndarray) -> Recording:
+    """Return a recording of a shank that moved otherwise."""
+    inputs = dataclasses.replace(recording.inputs, shank=ShankMotion(time_s, readings))
+    return dataclasses.replace(recording, inputs=inputs)
+
+
+@pytest.mark.parametrize("name", ["shake", "tilt"])
+def test_what_a_hand_does_again_is_no_repeat(name: str) -> None:
+    """A servo's motion is, a little late, larger and read askew; one that is slower, or backwards, is none."""
+    recording = exercised(name)
+    shank, random = recording.inputs.shank, np.random.default_rng(1)
+    turn = Rotation.from_euler("xyz", [0.1, -0.1, 0.2]).as_matrix()
+    askew = np.hstack([shank.readings[:, :3] @ turn, 1.1 * shank.readings[:, 3:] @ turn])
+    again = moved(recording, shank.time_s + 0.07, askew + random.normal(0.0, 0.02, askew.shape))
+    assert difference(recording, again) == ""
+    slower = moved(recording, 1.3 * shank.time_s, shank.readings)
+    backwards = moved(recording, shank.time_s, shank.readings[::-1])
+    for other in (slower, backwards):
+        assert difference(recording, other).startswith("the shank turns otherwise, by")
+    nobody_knows = dataclasses.replace(recording, inputs=dataclasses.replace(recording.inputs, shank=None))
+    assert "in one alone" in difference(recording, nobody_knows)
 
 
 def test_runs_that_moved_otherwise_share_no_signatures() -> None:

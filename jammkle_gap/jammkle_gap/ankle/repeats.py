@@ -80,6 +80,7 @@ def difference(one: Recording, other: Recording) -> str:
         or _start_differs(first, second)
         or _vacuum_differs(one, other)
         or _courses_differ(first.course, second.course, min(lengths_s))
+        or _shanks_differ(first.shank, second.shank, min(lengths_s))
         or _releases_differ(first, second)
     )
 
@@ -256,6 +257,33 @@ def _courses_differ(first: Course | None, second: Course | None, length_s: float
         at_s = float(time_s[int(np.argmax(apart_m))])
         return f"the carriage is {1e3 * apart_m.max():.1f} mm elsewhere at {at_s:.2f} s"
     return ""
+
+
+def _shanks_differ(first: ShankMotion | None, second: ShankMotion | None, length_s: float) -> str:
+    """Compare how fast shanks turned, however late: an IMU that is mounted a little askew reads nearly the same."""
+    if first is None or second is None:
+        return "" if first is second else "the motion of the shank was measured in one alone"
+    time_s = np.arange(0.0, length_s, _TURNED_S)
+    one, other = (
+        np.column_stack([np.interp(time_s, each.time_s, axis) for axis in each.readings[:, 3:].T])
+        for each in (first, second)
+    )
+    late = min(int(TIME_TOLERANCE_S / _TURNED_S), len(time_s) // 2)
+    apart = min(
+        float(np.square(one[max(-k, 0) : len(one) - max(k, 0)] - other[max(k, 0) : len(one) - max(-k, 0)]).mean())
+        for k in range(-late, late + 1)
+    )
+    apart_rad_s, most_rad_s = np.sqrt(apart), np.sqrt(max(np.square(one).mean(), np.square(other).mean()))
+    if apart_rad_s <= max(_TURNED_SHARE * most_rad_s, _LEAST_READING[3]):
+        return ""
+    return f"the shank turns otherwise, by {apart_rad_s:.2g} of {most_rad_s:.2g} rad/s (root mean square)"
+
+
+_TURNED_S = 0.005
+"""Time between two rates of turning that are compared, s. Chosen: a thirtieth of a turn and back at 6 Hz."""
+_TURNED_SHARE = 0.5
+"""What rates of turning of repeats may differ by, as a share of them. Assumed: servos repeat a motion to some per cent,
+hands that do it again differ by all of it."""
 
 
 def _releases_differ(first: AnkleInputs, second: AnkleInputs) -> str:
