@@ -92,6 +92,25 @@ def test_csv_has_each_column_once(tmp_path: Path, recorded: robot_arm.Samples) -
 
 
 @pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("0.05,1.0,", "line 7 has 3 cells, and the first one 2"),
+        ("0.05", "line 7 has 1 cells, and the first one 2"),
+        (",1.0", "times that do not rise, or are no numbers"),
+        ("nan,1.0", "times that do not rise, or are no numbers"),
+        ("0.05,one", "could not convert string to float: 'one'"),
+    ],
+)
+def test_csv_with_a_bad_row_is_refused(tmp_path: Path, row: str, said: str) -> None:
+    """By its line, or by what is wrong with it."""
+    rows = [f"{0.01 * k:.2f},{np.sin(0.1 * k)}" for k in range(30)]
+    rows[5] = row
+    (tmp_path / "run.csv").write_text("\n".join(["time_s,pan.position", *rows]))
+    with pytest.raises(BadRecordingError, match=said):
+        run_of_csv(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("gains: {elbow: {kp: true}}", "gains of elbow: kp is 'True'; it must be a number"),

@@ -409,8 +409,9 @@ def run_of_arrays(
 
     """
     times = np.asarray(time_s, dtype=float)
-    if times.ndim != 1 or times.size < FEWEST or (np.diff(times) <= 0.0).any():
-        msg = f"recording {name} has times that do not rise, or fewer than {FEWEST}; give one rising time per sample"
+    if times.ndim != 1 or times.size < FEWEST or not (np.diff(times) > 0.0).all():  # a time that is no number, too
+        msg = f"recording {name} has times that do not rise, or are no numbers, or fewer than {FEWEST}"
+        msg += "; give one rising time per sample"
         raise BadRecordingError(msg)
     since_s = times - times[0]
     sensed, measured = _split_sensed(measured)
@@ -488,6 +489,10 @@ def run_of_csv(path: Path) -> Run:
         names = [each.strip() for each in rows[0]]
         if twice := sorted(name for name, count in Counter(names).items() if name and count > 1):
             msg = f"{', '.join(twice)} {'is' if len(twice) == 1 else 'are'} there more than once"
+            raise ValueError(msg)  # noqa: TRY301 - said as the others are
+        uneven = [k for k, row in enumerate(rows, 1) if row and len(row) != len(names)]
+        if uneven:
+            msg = f"line {uneven[0]} has {len(rows[uneven[0] - 1])} cells, and the first one {len(names)}"
             raise ValueError(msg)  # noqa: TRY301 - said as the others are
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:] if row])
         columns = dict(zip(names, table.T, strict=True))
