@@ -350,3 +350,9 @@ def test_what_holds_weight_is_not_offered_where_a_base_is_free(tmp_path: Path) -
     for base, offered in (("held", True), ("free", False)):
         robot, recording, _ = compared(model(tmp_path, base="<freejoint/>"), recorded(), {"base": base})
         assert ("gravity_compensation" in {each.name for each in robot_library(robot, [recording]).effects}) is offered
+
+
+def test_an_actuator_without_a_gear_is_refused(tmp_path: Path) -> None:
+    servo = '<position name="pan" joint="pan" kp="8" kv=".3" gear="0"/>'
+    with pytest.raises(BadRobotError, match=r"joint pan has a gear of 0, .*; give it another one"):
+        matched(model(tmp_path, servo + TILT), [recorded()])

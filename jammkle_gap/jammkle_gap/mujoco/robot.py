@@ -363,6 +363,9 @@ class _Matching:
                 msg = f"joint {joint} has {len(own)} actuators; the library knows one per joint"
                 msg += ": merge them in the model"
                 raise BadRobotError(msg)
+            if own and float(own[0].gear[0]) == 0.0:
+                msg = f"the actuator of joint {joint} has a gear of 0, so that nothing moves it; give it another one"
+                raise BadRobotError(msg)
             kind = actuator_kind(own[0]) if own else Quantity.EFFORT
             gains = self._given.gains.get(joint)
             if gains is None and kind is not wanted:
@@ -391,7 +394,10 @@ class _Matching:
     def _no_controller(
         self, joint: str, wanted: Quantity, own: Sequence[mujoco.MjsActuator], kind: Quantity | None
     ) -> str:
-        what = f"a {kind.value} actuator" if own and kind else "an actuator of another kind" if own else "none"
+        known = {Quantity.EFFORT: "a motor", Quantity.POSITION: "a position actuator"}
+        what = (
+            known.get(kind, "a velocity actuator") if own and kind else "an actuator of another kind" if own else "none"
+        )
         msg = f"joint {joint} is commanded by {wanted.value}, and the model has {what} for it"
         msg += f"; describe its controller in a map (gains: {{{joint}: {{kp: ..., kd: ...}}}})"
         msg += ", or record efforts to estimate it from"
