@@ -356,3 +356,20 @@ def test_an_actuator_without_a_gear_is_refused(tmp_path: Path) -> None:
     servo = '<position name="pan" joint="pan" kp="8" kv=".3" gear="0"/>'
     with pytest.raises(BadRobotError, match=r"joint pan has a gear of 0, .*; give it another one"):
         matched(model(tmp_path, servo + TILT), [recorded()])
+
+
+def test_commands_by_other_names_are_named_and_may_be_mapped(tmp_path: Path) -> None:
+    """All of them are refused, some are noted; a map says which joints they are, beside readings by their names."""
+    run, file = recorded(), model(tmp_path)
+
+    def commanded(**names: str) -> Run:
+        return replace(run, commands={(names[joint], each): track for (joint, each), track in run.commands.items()})
+
+    both, one = commanded(pan="arm/pan", tilt="arm/tilt"), commanded(pan="pan", tilt="arm/tilt")
+    with pytest.raises(BadRobotError, match="but commands of arm/pan, arm/tilt; say which is which in a map"):
+        matched(file, [both])
+    _, robot = matched(file, [one])
+    assert any("left out: arm/tilt" in note for note in robot.notes)
+    (made,), robot = matched(file, [both], {"joints": {"arm/pan": "pan", "arm/tilt": "tilt"}})
+    assert [each.joint for each in robot.drives] == ["pan", "tilt"]
+    assert made.commands.keys() == run.commands.keys()

@@ -302,7 +302,8 @@ _SAID = 4
 
 def _check_names(given: RobotMap, runs: Sequence[Run], model: mujoco.MjModel) -> None:
     """Refuse a map of joints that no recording, or no model, has."""
-    recorded = list(dict.fromkeys(joint for run in runs for joint in run.joints()))
+    commanded = (joint for run in runs for joint, _ in run.commands)
+    recorded = list(dict.fromkeys((*(joint for run in runs for joint in run.joints()), *commanded)))
     known = [model.joint(k).name for k in range(model.njnt)]
     for name, asked in given.joints.items():
         if name not in recorded:

@@ -187,6 +187,7 @@ class _Matching:
         self._hold_balls(followers)
         self._check_units(measured)
         commanded = self._commanded(measured)
+        strange = self._strange_commands()
         asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
         prescribed = [joint for joint in measured if joint in given.prescribed]
         commanded = {joint: each for joint, each in commanded.items() if joint not in prescribed}
@@ -198,13 +199,7 @@ class _Matching:
         measured = [joint for joint in measured if joint not in prescribed]
         efforts = [joint for joint in measured if joint in known]
         if not drives:
-            efforts = [joint for joint in measured if joint in known | asked]
-            if not efforts:
-                msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
-                msg += "; record the topic of the commands, or joint_states with efforts"
-                raise BadRobotError(msg)
-            why = "no positions or velocities were commanded" if asked else "no commands were recorded"
-            self._notes.append(f"{why}: efforts of {', '.join(efforts)} are compared with those of the motion")
+            efforts = self._efforts_alone([joint for joint in measured if joint in known | asked], asked, strange)
         floating = self._put_base(forward=bool(drives))
         for name in (*locked, *prescribed, *followers):
             for actuator in actuators_of(spec, name):
@@ -334,6 +329,28 @@ class _Matching:
                 raise BadRobotError(msg)
         return first
 
+    def _strange_commands(self) -> str:
+        """Return the names of commanded joints that neither recordings nor model have, and note them."""
+        known = {*self._recorded(), *self._scalar}
+        found = dict.fromkeys(joint for run in self._runs for joint, _ in run.commands if joint not in known)
+        strange = ", ".join(found)
+        if strange:
+            self._notes.append(f"commands of joints that recordings and model have not are left out: {strange}")
+        return strange
+
+    def _efforts_alone(self, efforts: list[str], asked: set[str], strange: str) -> list[str]:
+        """Return the joints whose efforts are compared where no drive is commanded; refuse a robot that has none."""
+        if not efforts:
+            msg = "the recordings hold neither commands of positions or velocities nor efforts of any joint"
+            if strange:
+                msg += f", but commands of {strange}; say which is which in a map (joints: {{commanded: model}})"
+            else:
+                msg += "; record the topic of the commands, or joint_states with efforts"
+            raise BadRobotError(msg)
+        why = "no positions or velocities were commanded" if asked else "no commands were recorded"
+        self._notes.append(f"{why}: efforts of {', '.join(efforts)} are compared with those of the motion")
+        return efforts
+
     def _moved_by_others(self, others: Sequence[str], asked: set[str], *, by_commands: bool) -> list[str]:
         """Return the joints that an actuator moves, nobody knows how: their own, or that of a tendon which spans them.
 
@@ -460,7 +477,9 @@ class _Matching:
 
     def _note_unknown(self) -> None:
         spec, closing = self._spec, {mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD}
-        chains = [each.name or f"{each.name1} to {each.name2}" for each in spec.equalities if each.type in closing]
+        chains = [
+            each.name or f"{each.name1} to {each.name2 or 'world'}" for each in spec.equalities if each.type in closing
+        ]
         if chains:
             names = ", ".join(chains)
             self._notes.append(f"closed chains run as the model has them, and no effect acts on them: {names}")

@@ -557,9 +557,9 @@ def in_model_terms(run: Run, given: RobotMap, slides: Collection[str] = ()) -> R
         BadRobotError: two of its joints are the same one of the model.
 
     """
-    by_model: dict[str, str] = {}
 
     def moved(tracks: Tracks, *, in_degrees: bool | None) -> Tracks:
+        by_model: dict[str, str] = {}  # commands may have other names than readings
         degrees = np.pi / 180.0 if in_degrees else 1.0
         found = {}
         for (joint, quantity), track in tracks.items():
