@@ -373,3 +373,10 @@ def test_commands_by_other_names_are_named_and_may_be_mapped(tmp_path: Path) -> 
     (made,), robot = matched(file, [both], {"joints": {"arm/pan": "pan", "arm/tilt": "tilt"}})
     assert [each.joint for each in robot.drives] == ["pan", "tilt"]
     assert made.commands.keys() == run.commands.keys()
+
+
+@pytest.mark.parametrize(("limits", "noted"), [("-.6 .6", False), ("-.2 1", True), ("-1 .5", True)])
+def test_a_joint_that_is_read_beyond_its_range_is_noted(tmp_path: Path, limits: str, *, noted: bool) -> None:
+    """The simulation stops there, and that would be taken for physics."""
+    _, robot = matched(model(tmp_path, pan=f'range="{limits}"'), [recorded()])
+    assert any("joint pan reads -0.6 to 0.6, beyond the model's range" in note for note in robot.notes) is noted

@@ -43,6 +43,8 @@ _LOCKING = 1e7
 """Armature of a locked joint, kg m^2 or kg. Chosen: 100 N m move it by 0.02 mrad in 2 s."""
 _TURNED = 1.5
 """Times the model's limits from which on angles are doubted to be radians."""
+_BEYOND = 0.02
+"""Share of a range by which readings may leave it. Assumed: stops give, and zeros are set to a degree."""
 _SUSPICIOUS_RAD = 8.0 * np.pi
 """The same without limits: four turns."""
 _WEIGHTLESS = 1e-12
@@ -186,6 +188,7 @@ class _Matching:
         locked = [*given.locked, *missing]
         self._hold_balls(followers)
         self._check_units(measured)
+        self._note_ranges(measured)
         commanded = self._commanded(measured)
         strange = self._strange_commands()
         asked = {joint for run in runs for joint, quantity in run.commands if quantity is Quantity.EFFORT}
@@ -311,6 +314,20 @@ class _Matching:
                     msg = f"joint {joint} of recording {run.name} reads up to {largest:.4g}, more than {limit:.3g} rad"
                     msg += "; write 'units: degrees' into a map, or 'units: radians' if it does turn so far"
                     raise BadRobotError(msg)
+
+    def _note_ranges(self, measured: Sequence[str]) -> None:
+        """Note joints that are read beyond the range that the model has of them, as by another sign or zero."""
+        for joint in measured:
+            number = self._model.joint(joint).id
+            if not self._model.jnt_limited[number]:
+                continue
+            least, most = self._model.jnt_range[number].tolist()
+            read = [run.measured[joint, Quantity.POSITION].values for run in self._runs]
+            low, high = min(float(each.min()) for each in read), max(float(each.max()) for each in read)
+            if max(least - low, high - most) > _BEYOND * (most - least):
+                limits = f"the model's range of {least:.3g} to {most:.3g}, where it stops"
+                note = f"joint {joint} reads {low:.3g} to {high:.3g}, beyond {limits}: look at its sign, zero and range"
+                self._notes.append(note)
 
     def _commanded(self, measured: Sequence[str]) -> dict[str, set[Quantity]]:
         """Return what is commanded of each joint, positions or velocities among it."""
