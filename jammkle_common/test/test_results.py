@@ -79,3 +79,19 @@ def test_a_full_disk_behind_json_is_a_failure() -> None:
     """What was asked for was right, and could not be done: exit code 1, as for a full disk behind stdout."""
     with pytest.raises(GraphError, match="--json /dev/full cannot be written: No space left on device"):
         results.write_json(Path("/dev/full"), {"answer": 42})
+
+
+def test_a_folder_that_got_no_results_is_taken_away_again(tmp_path: Path) -> None:
+    """What was there before stays, and so does what holds a result."""
+
+    def fails(folder: Path, result: str | None) -> None:
+        with results.folder_made(folder):
+            if result:
+                (folder / result).touch()
+            raise InputError
+
+    (tmp_path / "old").mkdir()
+    for place, result in (("old", None), ("new/folder", None), ("kept", "result")):
+        with pytest.raises(InputError):
+            fails(tmp_path / place, result)
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["kept", "old", "result"]

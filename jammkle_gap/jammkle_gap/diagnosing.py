@@ -91,24 +91,25 @@ def diagnose(request: DiagnoseRequest) -> Diagnosis:
         Interrupted: stopped before anything was known.
 
     """
-    check(request)
-    stop = StopRequest()
-    library = library_of(request.library, request.only, request.without)
-    given = (request.rig, request.namespace, request.sensors, stop, request.jobs)
-    recordings, references = (recordings_of(bags, *given) for bags in (request.bags, request.references))
-    _try_changes(library, recordings)
-    recordings, references = in_settings(recordings, references)
-    problem = ankle_problem(library)
-    with backend(request.jobs, request.scheduler) as jobs:
-        diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)
-    asked = write_page(diagnosis, recordings, references, problem, request.folder, request.library, request.sensors)
-    results.write_json(request.json, _content(diagnosis, asked, request))
+    with results.folder_made(request.folder):
+        check(request)
+        stop = StopRequest()
+        library = library_of(request.library, request.only, request.without)
+        given = (request.rig, request.namespace, request.sensors, stop, request.jobs)
+        recordings, references = (recordings_of(bags, *given) for bags in (request.bags, request.references))
+        _try_changes(library, recordings)
+        recordings, references = in_settings(recordings, references)
+        problem = ankle_problem(library)
+        with backend(request.jobs, request.scheduler) as jobs:
+            diagnosis = diagnosis_of(recordings, references, problem, jobs, stop)
+        asked = write_page(diagnosis, recordings, references, problem, request.folder, request.library, request.sensors)
+        results.write_json(request.json, _content(diagnosis, asked, request))
     show(diagnosis, asked, request.folder / PAGE_NAME)
     return diagnosis
 
 
 def check(request: DiagnoseRequest) -> None:
-    """Refuse what cannot work before anything is read.
+    """Refuse what cannot work before anything is read; the folder of the results is there.
 
     Raises:
         InputError: an option cannot be used, or a bag is given twice.
@@ -124,7 +125,6 @@ def check(request: DiagnoseRequest) -> None:
             known = "as a reference too" if place >= len(request.bags) else "twice"
             msg = f"bag {bag.name} is given {known}; a repeat and a reference must be runs of their own"
             raise InputError(msg)
-    results.make_folder(request.folder)
     results.check_writable(request.json)
     for name in (PAGE_NAME, CORRECTED_NAME):
         results.check_writable(request.folder / name, "--output")

@@ -20,7 +20,7 @@ from jammkle_common.bags.run_sheet import RunSheet
 from jammkle_common.bags.stopped import free_name, set_aside, was_stopped
 from jammkle_common.command import EXERCISE, provided
 from jammkle_common.command.errors import GraphError, InputError, StopRequest
-from jammkle_common.command.results import make_folder, say
+from jammkle_common.command.results import folder_made, say
 from jammkle_gap.ankle.problem import plans
 from jammkle_gap.diagnosing import DiagnoseRequest, check, diagnose, recordings_of
 from jammkle_sim.rigs.catalogue import EXERCISES
@@ -69,8 +69,8 @@ def session(request: SessionRequest) -> Diagnosis:
         raise InputError(msg)
     record: _Recorder = provided(EXERCISE, "record", _BRINGS_EXERCISES)
     stop = StopRequest()
-    make_folder(request.folder)
-    check(_asked(request, []))
+    with folder_made(request.folder):
+        check(_asked(request, []))
     _check_names(request.folder)
     _set_unfinished_aside(request.folder)
     bags = _bags_in(request.folder)

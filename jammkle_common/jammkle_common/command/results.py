@@ -137,6 +137,25 @@ def make_folder(folder: Path) -> None:
         raise InputError(msg) from error
 
 
+@contextlib.contextmanager
+def folder_made(folder: Path) -> Iterator[None]:
+    """Make a folder for results; where the block fails before it has written any, what was made is taken away again.
+
+    Raises:
+        InputError: it cannot be made, or a file has its name.
+
+    """
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        make_folder(folder)
+        yield
+    except BaseException:
+        with contextlib.suppress(OSError):  # it holds something
+            for each in made:
+                each.rmdir()
+        raise
+
+
 def check_writable(path: Path | None, option: str = "--json") -> None:
     """Refuse a results file that could not be written, before the work is done; `option` is what asked for it.
 

@@ -62,9 +62,15 @@ def diagnose_robot(request: RobotRequest) -> int:
 
     """
     check_jobs(request.jobs)
-    results.check_writable(request.json)
     model, joints = _model_of(request.model)
-    results.make_folder(request.folder)
+    with results.folder_made(request.folder):
+        return _diagnose(request, model, joints)
+
+
+def _diagnose(request: RobotRequest, model: Path, joints: Mapping[str, Any] | None) -> int:
+    results.check_writable(request.json)
+    for name in (_PAGE_NAME, CORRECTED_NAME):
+        results.check_writable(request.folder / name, "--output")
     stop = StopRequest()
     try:
         with (
