@@ -157,6 +157,14 @@ def test_the_controller_hears_an_imu_of_another_name(
     assert foot.wait(timeout=30) == 0
 
 
+def test_a_parameter_of_another_type_is_refused_in_one_line(run: Callable[..., subprocess.Popen[str]]) -> None:
+    """A node of a user's is spared the traceback of rclpy, whose message names both types, as ours are."""
+    refused = run(EXAMPLES / "foot_load.py", "--ros-args", "-p", "mass_kg:=7")
+    output, _ = refused.communicate(timeout=60)
+    assert (refused.returncode, len(output.splitlines())) == (2, 1), output
+    assert "'7' of type 'INTEGER', expecting type 'DOUBLE'" in output
+
+
 def test_topics_of_a_channel_can_have_other_names(run: Callable[..., Any], make_probe: Callable[..., Probe]) -> None:
     """They are remapped where the driver starts."""
     valve = ("-r", "achilles/solenoid:=/valves/two/solenoid", "-r", "achilles/pressure:=/valves/two/pressure")

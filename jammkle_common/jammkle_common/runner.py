@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import rclpy
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -84,7 +85,7 @@ def run(*makers: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
                 executor.add_node(nodes[-1])
             drive = getattr(nodes[0], "drive", _spin)
             drive(executor, stop)
-        except ParameterError as error:
+        except (ParameterError, InvalidParameterTypeException) as error:
             if len(nodes) == len(makers):  # not of one that was being made
                 raise
             sys.stderr.write(f"{error}\n")
