@@ -132,20 +132,24 @@ class BagReader:
         """Return by how much the log of each connection goes back in the order in which its messages were written, ns.
 
         Files are taken in the order of their first messages, as their names need not say which was recorded first.
+        Channels of one topic, as ROS 1 has one of each publisher, are looked at one by one: files list them so.
         """
-        latest_ns: dict[int, int] = {}
+        before_ns: dict[int, int] = {}
         back_ns = {each.id: 0 for each in self.every}
         places = sorted(range(len(self._files)), key=lambda place: self._files[place].first_ns)
         with contextlib.suppress(Exception):  # what is damaged is said where messages are read
             for place in places:
+                latest_ns: dict[int, int] = {}
                 for key, times_ns in self._files[place].written():
                     number = self._places[place][key]
+                    last_ns = latest_ns.get(key, before_ns.get(number, 0))
                     for log_ns in times_ns:
-                        before_ns = latest_ns.get(number, log_ns)
-                        if log_ns < before_ns:
-                            back_ns[number] = max(back_ns[number], before_ns - log_ns)
-                        else:
-                            latest_ns[number] = log_ns
+                        back_ns[number] = max(back_ns[number], last_ns - log_ns)
+                        last_ns = max(last_ns, log_ns)
+                    latest_ns[key] = last_ns
+                for key, last_ns in latest_ns.items():
+                    number = self._places[place][key]
+                    before_ns[number] = max(before_ns.get(number, 0), last_ns)
         return back_ns
 
     def deserialize(self, data: bytes, message_type: str) -> Any:
