@@ -283,3 +283,15 @@ def test_readings_of_a_coarse_sensor_are_new(motion: Motion, noise: float) -> No
     time_s = np.arange(0.0, DURATION_S, 0.002)
     read = STEP * np.round((motion(time_s, random) + random.normal(0.0, noise * STEP, time_s.shape)) / STEP)
     assert len(new_readings(read)) == len(read)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("frequency_hz", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])
+def test_readings_of_a_joint_that_swings_evenly_are_new(rate_hz: float, frequency_hz: float, noise: float) -> None:
+    """An encoder of 14 bits: between two turns the line is straight, as often as the motion comes back."""
+    random, step = np.random.default_rng(3), 2.0 * np.pi / 2**14
+    time_s = np.arange(0.0, 30.0, 1.0 / rate_hz)
+    angle_rad = 0.5 * np.sin(2.0 * np.pi * frequency_hz * time_s) + random.normal(0.0, noise * step, time_s.shape)
+    read = step * np.round(angle_rad / step)
+    assert len(new_readings(read)) == len(read)

@@ -48,22 +48,23 @@ def new_readings(values: NDArray[np.float64]) -> NDArray[np.intp]:
 
     A driver that publishes more often than its sensor reads repeats what it has, and a table that was put on a finer
     clock is straight between its readings. They show by new ones that come evenly, several steps apart: the rounding of
-    a coarse sensor repeats readings and leaves lines, too, but goes on by a step. What is published less than twice as
+    a coarse sensor repeats readings and leaves lines, too, but goes on by a step, and where a motion comes back evenly
+    it bends for many readings. What is published less than twice as
     often, or on a clock less than four times as fine, is not told from readings.
     """
     step = max(_smallest_step(values), 1e-9 * float(np.abs(values).max(initial=0.0)))
     changes, bends = np.abs(np.diff(values)), np.abs(np.convolve(values, _WEIGHTS, "valid"))
     bent = np.flatnonzero(bends > _ROUNDED * step)
     # A reading that lies between two samples bends the line at both.
-    for off, new in (
-        (changes[changes > 0.0], np.flatnonzero(changes)),
-        (bends[bent], bent[np.diff(bent, prepend=-2) > 1]),
-    ):
+    corners = bent[np.diff(bent, prepend=-2) > 1]
+    if bent.size > 2 * corners.size:
+        corners = corners[:0]
+    for off, new, least in ((changes[changes > 0.0], np.flatnonzero(changes), 2.0), (bends[bent], corners, 4.0)):
         between = np.diff(new)
         if between.size < _FEWEST_NEW or float(np.median(off)) < _SEVERAL * step:
             continue
         usual = float(np.median(between))
-        if usual > 1.0 and float((np.abs(between - usual) <= 1.0).mean()) > _EVEN:
+        if usual >= least and float((np.abs(between - usual) <= 1.0).mean()) > _EVEN:
             return np.concatenate(([0], new + 1))
     return np.arange(values.size)
 
