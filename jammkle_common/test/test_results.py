@@ -95,3 +95,5 @@ def test_a_folder_that_got_no_results_is_taken_away_again(tmp_path: Path) -> Non
         with pytest.raises(InputError):
             fails(tmp_path / place, result)
     assert sorted(each.name for each in tmp_path.rglob("*")) == ["kept", "old", "result"]
+    with pytest.raises(InputError, match=r"cannot be made: File name too long"):
+        fails(tmp_path / "new" / ("long" * 100), None)

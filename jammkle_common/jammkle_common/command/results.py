@@ -145,7 +145,7 @@ def folder_made(folder: Path) -> Iterator[None]:
         InputError: it cannot be made, or a file has its name.
 
     """
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    made = [each for each in (folder, *folder.parents) if not os.path.exists(each)]  # noqa: PTH110 - raises nothing
     try:
         make_folder(folder)
         yield
