@@ -559,6 +559,18 @@ def test_two_publishers_with_clocks_of_their_own_are_no_clock_that_was_set_back(
     assert "goes back" not in capsys.readouterr().err
 
 
+def test_two_recorders_of_one_time_need_no_clock_that_was_set_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their files were put into one folder: what is said of them is true of both cases."""
+    for name, rows in (("a.mcap", ROWS), ("b.mcap", [row._replace(log_ns=row.log_ns + 10**8) for row in ROWS])):
+        write_mcap(tmp_path / "bag" / name, rows)
+    assert main(["info", str(tmp_path / "bag")]) == 0
+    said = capsys.readouterr().err
+    assert "goes back by 0.190 s" in said
+    assert "or two recordings of one time were put into one bag" in said
+
+
 @pytest.mark.parametrize("kind", ["MCAP", "ROS 1"])
 def test_channels_of_several_publishers_are_no_clock_that_was_set_back(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -276,7 +276,7 @@ class BagTimes:
         topic = max(found, key=lambda each: each.msgcount)
         back_s = back_ns[topic.id] / NANOSECONDS_PER_SECOND
         why = f"the log of {topic.topic} goes back by {back_s:.3f} s in the order in which it was written"
-        return f"{why}: the clock was set back, and what was recorded before and after that is mixed"
+        return f"{why}: the clock was set back, or two recordings of one time were put into one bag, and they are mixed"
 
     def _say(self, what: str) -> None:
         note(f"bag {self._reader.path}: {what}")
