@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SCRIPT = """
 import os, sys
 sys.modules["rclpy"] = None
+import jammkle_sim.kinds  # as the node does
 from jammkle_sim.rigs.landing import LandingOptions, landing_built
 from jammkle_sim.rigs.simulation import Simulation
 Simulation(landing_built(LandingOptions())).advance(10)
@@ -24,12 +25,13 @@ assert "MUJOCO_GL" not in os.environ, "MUJOCO_GL was left behind for child proce
 graphics = ("glfw", "opengl", "mujoco.egl", "osmesa")
 loaded = sorted(name for name in sys.modules if any(word in name.lower() for word in graphics))
 messages = sorted(name for name in sys.modules if name.startswith("jammkle_msgs") or name.endswith("_msgs"))
-print(loaded + messages)
+scipy = sorted({"scipy.ndimage", "scipy.optimize", "scipy.spatial"} & set(sys.modules))
+print(loaded + messages + scipy)
 """
 
 
 def test_runs_without_ros_and_without_graphics() -> None:
-    """A landing can be built and run with rclpy blocked and no display, and loads neither GL nor messages."""
+    """A landing can be built and run with rclpy blocked and no display, and loads no GL, messages or SciPy."""
     environment = {name: value for name, value in os.environ.items() if name not in {"DISPLAY", "MUJOCO_GL"}}
     run = subprocess.run(
         [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=120, check=False

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
@@ -57,6 +56,8 @@ def cycle_rig(options: CycleOptions, ankle: AnkleParameters | None = None) -> tu
         ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
     period_s = options.jam_time_s + options.vent_time_s
     schedule = []
     for place, channels in enumerate(_GROUPS):

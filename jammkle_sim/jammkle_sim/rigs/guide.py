@@ -5,6 +5,8 @@ an IMU on the shank measured: then the world is the shank's own frame, in which 
 than the specific force f, the angular velocity w and its rate, so that neither place nor heading need be known and
 nothing is integrated (d'Alembert's principle). And one whose height was measured and whose tilt is that of the specific
 force, for a shank that moves slowly over the ground.
+
+The rigs load SciPy where they make such a motion: a node that lands or walks makes none, and would start a third later.
 """
 
 from __future__ import annotations

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common import names
 from jammkle_common.parameters import ParameterError, parameter
@@ -32,6 +31,8 @@ from jammkle_sim.rigs.vacuum import all_channels
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
     from jammkle_sim.rigs.recording import Series
     from jammkle_sim.rigs.rig import Rig
@@ -86,6 +87,8 @@ def touching_m(turn: Rotation, ankle: AnkleParameters) -> float:
 
 def _pressed(options: PressOptions, pitch: float, roll: float) -> Iterator[tuple[float, float, float, float]]:
     """Give the corners of one press: how long the way there takes, s, pitch and roll, rad, height of the ankle, m."""
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
     tilt, turn = math.radians(options.tilt_deg), math.radians(options.turn_deg)
     # The drawn ankle says how the hand moves, whatever hangs on it. The ground turns the foot back toward level.
     drawn = hung(None, options.hang_pitch_deg)
@@ -116,6 +119,8 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
         ParameterError: the foot would stand flat.
 
     """
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
     if options.turn_deg >= options.tilt_deg:
         problem = f"it must be less than the tilt of {options.tilt_deg:g} deg, or else the foot stands flat"
         raise ParameterError(problem, "turn_deg", options.turn_deg)

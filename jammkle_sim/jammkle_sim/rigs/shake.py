@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
@@ -79,6 +78,8 @@ def shake_rig(options: ShakeOptions, ankle: AnkleParameters | None = None) -> tu
         ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
     jam_s = _REST_S + options.sweep_s + _REST_S
     second_s = jam_s + _JAM_S
     end_s = second_s + options.sweep_s + _REST_S

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_common import names
 from jammkle_common.parameters import parameter
@@ -67,6 +66,8 @@ def tilt_rig(options: TiltOptions, ankle: AnkleParameters | None = None) -> tupl
         ankle: Constants of the ankle, whose pose an option adds to; None: AnkleParameters as they stand.
 
     """
+    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
     tilt = math.radians(options.tilt_deg)
     poses = [
         row

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_sim.physics.ankle import AnkleParameters
 from jammkle_sim.physics.constants import tendon_parameters
@@ -60,6 +59,8 @@ class Ground:
         """
         if roughness_m == 0.0:
             return Ground(math.radians(slope_deg), None)
+        from scipy.ndimage import gaussian_filter  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+
         columns, rows = (round(2.0 * half_m / _CELL_M) + 1 for half_m in _HALF_M)
         white = np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, _STREAM])).standard_normal(
             (rows, columns)
@@ -98,6 +99,8 @@ class Ground:
         along_m = x_m / math.cos(self.slope_rad)
         bumps_m = np.zeros_like(along_m)
         if self.heights_m is not None:
+            from scipy.ndimage import map_coordinates  # type: ignore[import-untyped]  # noqa: PLC0415 - as above
+
             at = np.array([(y_m + _HALF_M[1]) / _CELL_M, (along_m + _HALF_M[0]) / _CELL_M])
             bumps_m = map_coordinates(self.heights_m, at, order=1, mode="nearest")
         height_m: NDArray[np.float64] = x_m * math.tan(self.slope_rad) + bumps_m / math.cos(self.slope_rad)
