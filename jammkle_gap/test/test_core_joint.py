@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from jammkle_gap import (
     diagnose,
     evidence_of,
 )
+from jammkle_gap.core.discrepancy import Discrepancy
 from jammkle_gap.core.explain import _Search
 from jammkle_gap.core.ledger import closed_by
 from jammkle_gap.core.predict import predicting
@@ -259,6 +261,28 @@ def test_constants_cost_least_where_they_are_fitted() -> None:
         parts = [part - own.shared @ scores for part, own in zip(made, evidence.difference.settings, strict=True)]
         moved = replace(fit, features=tuple(parts), scores=scores)
         assert evidence.error.cost(moved) > evidence.error.cost(fit)
+
+
+def test_what_a_candidate_leaves_is_split_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cost, weights and doubt of one candidate are of one split, which takes most of a fit; another has its own."""
+    runs = recorded(31, {"load.share": 0.5}, {})
+    evidence = evidence_of(runs, (), EXACT, Runner(EXACT, 1), Constants(), None)
+    error, (one, other) = evidence.error, (evidence.explained.fits[name,] for name in ("load", "rubbing"))
+    error = pickle.loads(pickle.dumps(error))  # noqa: S301 - as it goes to another process, which knows no split
+    split, asked = Discrepancy._split, []
+
+    def counted(self: Discrepancy, *left: NDArray[np.float64]) -> Any:
+        asked.append(left)
+        return split(self, *left)
+
+    monkeypatch.setattr(Discrepancy, "_split", counted)
+    first, weights, doubt = error.cost(one), error.difference_with(one), error.left_per_feature(one)
+    assert error.cost(one) == first
+    assert len(asked) == 1
+    assert error.cost(other) > first
+    assert error.left_per_feature(other) > doubt
+    assert error.difference_with(other).whitened != pytest.approx(weights.whitened)
+    assert len(asked) == 2
 
 
 def _bent(run: Recording, error: float) -> Recording:

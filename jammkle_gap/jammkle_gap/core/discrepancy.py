@@ -11,10 +11,10 @@ is left of it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve  # type: ignore[import-untyped]  # carries no types
 from scipy.optimize import brentq  # type: ignore[import-untyped]  # carries no types
 
 from jammkle_gap.core.scatter import whitened_difference
@@ -29,9 +29,13 @@ if TYPE_CHECKING:
     from jammkle_gap.core.fit import Fit
     from jammkle_gap.core.scatter import Difference, Setting
 
+    _Split = tuple[NDArray[np.float64], NDArray[np.float64], float]
+
 TURNS = 4
 """Times that a step and the variance of what it leaves follow from each other. Chosen: neither moves by more than a
 tenth after it."""
+_KEPT = 4
+"""Latest candidates whose split is kept: a fit asks again of where it began, of where it came to and of the best."""
 
 
 def blocks_of(layouts: Sequence[Layout], constants: Constants) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
@@ -125,6 +129,7 @@ class Discrepancy:
 
         """
         self._every, self.difference, self._constants = tuple(raw), difference, constants
+        self._latest: deque[tuple[Fit, _Split]] = deque(maxlen=_KEPT)
         referenced = [bool(setting.references) for setting in settings]
         self._referenced = np.repeat(referenced, [each.size for each in difference.settings])
         self.without_references = not all(referenced)
@@ -161,11 +166,15 @@ class Discrepancy:
         # Over settings the error repeats itself, but no more than it hangs together altogether.
         self._share = max(1.0 / len(self._used), min(1.0, constants.independent_blocks / len(self._expected)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Take no candidates along to another process."""
+        return {**self.__dict__, "_latest": deque(maxlen=_KEPT)}
+
     def difference_with(self, fit: Fit) -> Difference:
         """Return the difference whitened by scatter and the error that a candidate leaves, block by block."""
         if not self._used:
             return self.difference
-        total, _, _ = self._split(self._left(fit), fit.scores)
+        total, _, _ = self._split_by(fit)
         return self._whitened(total)
 
     def evenly_with(self, fit: Fit) -> Difference:
@@ -217,7 +226,7 @@ class Discrepancy:
         if not self._used:
             left = self.difference.whitened - self.difference.whiten(fit.features)
             return float(np.square(left).mean()) / self.difference.healthy
-        _, rest, _ = self._split(self._left(fit), fit.scores)
+        _, rest, _ = self._split_by(fit)
         return float((np.square(rest) / self._base).mean())
 
     def cost(self, fit: Fit) -> float:
@@ -293,7 +302,7 @@ class Discrepancy:
 
     def _weighed(self, fit: Fit) -> tuple[NDArray[np.float64], float]:
         """Return what is left of each block beyond scatter and constants, and the square of their scores."""
-        _, rest, prior = self._split(self._left(fit), fit.scores)
+        _, rest, prior = self._split_by(fit)
         return np.bincount(self._blocks, np.square(rest) / self._base).astype(float), prior
 
     def _likelihood(self, left: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
@@ -342,9 +351,16 @@ class Discrepancy:
         left: NDArray[np.float64] = self._raw - np.concatenate([fit.features[k] for k in self._used])
         return left
 
-    def _split(
-        self, left: NDArray[np.float64], constants: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    def _split_by(self, fit: Fit) -> _Split:
+        """Return `_split` of what a candidate leaves; of the latest ones it is known."""
+        for known, split in self._latest:
+            if known is fit:
+                return split
+        split = self._split(self._left(fit), fit.scores)
+        self._latest.append((fit, split))
+        return split
+
+    def _split(self, left: NDArray[np.float64], constants: NDArray[np.float64]) -> _Split:
         """Return the variance of every feature, what scatter and constants leave of it, and their scores' square.
 
         Variance and scores follow from each other, and start at their priors' mean: what could be explained at any
@@ -393,8 +409,9 @@ class Discrepancy:
         pieces = [np.split(each, self._ends) for each in (left, total, shared)]
         for columns, part, variance, along in zip(self._columns, *pieces, strict=True):
             own, over = columns.T / variance, along.T / variance
-            factor = cho_factor(np.eye(columns.shape[1]) + own @ columns)
-            by_itself, with_it = cho_solve(factor, own @ part), cho_solve(factor, own @ along)
+            # many small systems: SciPy's checks for cho_factor take longer than these do
+            known = np.linalg.solve(np.eye(columns.shape[1]) + own @ columns, own @ np.column_stack((part, along)))
+            by_itself, with_it = known[:, 0], known[:, 1:]
             matrix += over @ along - (over @ columns) @ with_it
             right += over @ part - (over @ columns) @ by_itself
             solved.append((by_itself, with_it))
