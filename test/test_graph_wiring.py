@@ -39,6 +39,49 @@ ROS_OWN_SERVICES = ("rcl_interfaces/", "type_description_interfaces/", "lifecycl
 """Services that ROS gives every node or every lifecycle node."""
 
 
+def test_a_stop_that_came_before_the_driver_is_heeded(
+    start: Callable[..., Up], make_probe: Callable[..., Probe]
+) -> None:
+    """A latched emergency stop holds a driver that starts after it."""
+    probe = make_probe()
+    stop = probe.publisher(EMERGENCY_STOP)
+    stop.publish(interface(EMERGENCY_STOP.message_type)(data=True))
+    start("up")
+    probe.listen(JAM_STATE)
+    probe.spin_until(lambda: probe.last(JAM_STATE).emergency_stopped, "the driver is stopped")
+
+
+def seconds(stamp: Time) -> float:
+    """Time of a stamp, s."""
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+def test_two_ankles_live_side_by_side(
+    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
+) -> None:
+    """Two namespaces share a domain: the second takes the time of the first, and is soft while that is jammed."""
+    left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
+    start("up", "--namespace", "lf_ankle", *left_alone)
+    left.listen(CLOCK, JAM_STATE)
+    left.spin_until(lambda: left.has(CLOCK) and seconds(left.last(CLOCK).clock) > LATE_S, "time goes on")
+    right.listen(CLOCK, IMU, JAM_STATE)
+    up = start("up", "--namespace", "rf_ankle", *left_alone)
+    right.wait_until_up()
+    right.spin_until(lambda: right.has(IMU), "the second ankle's IMU is received")
+    right.spin_until(lambda: len(right.node.get_publishers_info_by_topic(CLOCK.name)) == 1, "there is one clock")
+    assert "already, so this simulation publishes none" in up.text()
+    right.spin_until(
+        lambda: abs(seconds(right.last(IMU).header.stamp) - seconds(right.last(CLOCK).clock)) < LATE_S / 2,
+        "the second ankle lives in the time of the first",
+    )
+
+    left.wait_until_up()
+    start("jam", "--namespace", "/lf_ankle").wait()
+    left.wait_until_jammed()
+    assert set(right.channel_states()) == set(CHANNELS)
+    assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
+
+
 @pytest.fixture(scope="module")
 def probe(tmp_path_factory: pytest.TempPathFactory, left_alone: tuple[str, str]) -> Iterator[Probe]:
     """Bring up one ankle for the tests that only look on, and wait until its driver knows every channel."""
@@ -106,49 +149,6 @@ def test_who_joins_late_gets_what_is_latched(probe: Probe) -> None:
         late.listen(*latched)
         late.spin_until(lambda: all(late.received[topic.name] for topic in latched), "everything latched has come")
         assert "slope_deg" in late.last(SIM_PARAMETERS).data
-
-
-def test_a_stop_that_came_before_the_driver_is_heeded(
-    start: Callable[..., Up], make_probe: Callable[..., Probe]
-) -> None:
-    """A latched emergency stop holds a driver that starts after it."""
-    probe = make_probe()
-    stop = probe.publisher(EMERGENCY_STOP)
-    stop.publish(interface(EMERGENCY_STOP.message_type)(data=True))
-    start("up")
-    probe.listen(JAM_STATE)
-    probe.spin_until(lambda: probe.last(JAM_STATE).emergency_stopped, "the driver is stopped")
-
-
-def seconds(stamp: Time) -> float:
-    """Time of a stamp, s."""
-    return float(stamp.sec + stamp.nanosec * 1e-9)
-
-
-def test_two_ankles_live_side_by_side(
-    start: Callable[..., Up], make_probe: Callable[..., Probe], left_alone: tuple[str, str]
-) -> None:
-    """Two namespaces share a domain: the second takes the time of the first, and is soft while that is jammed."""
-    left, right = make_probe("/lf_ankle"), make_probe("/rf_ankle")
-    start("up", "--namespace", "lf_ankle", *left_alone)
-    left.listen(CLOCK, JAM_STATE)
-    left.spin_until(lambda: left.has(CLOCK) and seconds(left.last(CLOCK).clock) > LATE_S, "time goes on")
-    right.listen(CLOCK, IMU, JAM_STATE)
-    up = start("up", "--namespace", "rf_ankle", *left_alone)
-    right.wait_until_up()
-    right.spin_until(lambda: right.has(IMU), "the second ankle's IMU is received")
-    right.spin_until(lambda: len(right.node.get_publishers_info_by_topic(CLOCK.name)) == 1, "there is one clock")
-    assert "already, so this simulation publishes none" in up.text()
-    right.spin_until(
-        lambda: abs(seconds(right.last(IMU).header.stamp) - seconds(right.last(CLOCK).clock)) < LATE_S / 2,
-        "the second ankle lives in the time of the first",
-    )
-
-    left.wait_until_up()
-    start("jam", "--namespace", "/lf_ankle").wait()
-    left.wait_until_jammed()
-    assert set(right.channel_states()) == set(CHANNELS)
-    assert not {ChannelJamState.JAMMING, ChannelJamState.JAMMED} & set(right.channel_states().values())
 
 
 def test_the_clock_never_runs_backwards(probe: Probe) -> None:
