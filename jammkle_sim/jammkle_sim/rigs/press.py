@@ -87,7 +87,7 @@ def touching_m(turn: Rotation, ankle: AnkleParameters) -> float:
 
 def _pressed(options: PressOptions, pitch: float, roll: float) -> Iterator[tuple[float, float, float, float]]:
     """Give the corners of one press: how long the way there takes, s, pitch and roll, rad, height of the ankle, m."""
-    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - see `rigs.guide`
 
     tilt, turn = math.radians(options.tilt_deg), math.radians(options.turn_deg)
     # The drawn ankle says how the hand moves, whatever hangs on it. The ground turns the foot back toward level.
@@ -119,7 +119,7 @@ def press_rig(options: PressOptions, ankle: AnkleParameters | None = None) -> tu
         ParameterError: the foot would stand flat.
 
     """
-    from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # noqa: PLC0415 - see `rigs.guide`
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - see `rigs.guide`
 
     if options.turn_deg >= options.tilt_deg:
         problem = f"it must be less than the tilt of {options.tilt_deg:g} deg, or else the foot stands flat"

@@ -99,7 +99,7 @@ class Ground:
         along_m = x_m / math.cos(self.slope_rad)
         bumps_m = np.zeros_like(along_m)
         if self.heights_m is not None:
-            from scipy.ndimage import map_coordinates  # type: ignore[import-untyped]  # noqa: PLC0415 - as above
+            from scipy.ndimage import map_coordinates  # noqa: PLC0415 - as above
 
             at = np.array([(y_m + _HALF_M[1]) / _CELL_M, (along_m + _HALF_M[0]) / _CELL_M])
             bumps_m = map_coordinates(self.heights_m, at, order=1, mode="nearest")
