@@ -50,6 +50,8 @@ FEW = (
     "pressure_delay",
 )  # fmt: skip
 """Effects on offer where the whole library would only take time."""
+ALONE = ("--jobs", "1")
+"""In this process: others would take longer to start than a few effects take. The whole library is spread over some."""
 
 
 def bag(folder: Path, name: str, seed: int, effects: str = "", options: PressureOptions = SHORT) -> Path:
@@ -173,7 +175,8 @@ def test_the_corrected_simulator_closes_the_gap(diagnosed: tuple[Path, dict[str,
 def test_a_slow_valve_is_named(healthy: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A dead time that is not on the run sheet is found, and the terminal says it in 80 columns."""
     slow = bag(tmp_path, "slow", 7, options=dataclasses.replace(SHORT, valve_dead_time_s=0.04))
-    call = ["gap", "diagnose", str(slow), *healthy, *few(), "-o", str(tmp_path / "out"), "--json", f"{tmp_path}/x.json"]
+    call = ["gap", "diagnose", str(slow), *healthy, *few(), *ALONE, "-o", str(tmp_path / "out")]
+    call += ["--json", f"{tmp_path}/x.json"]
     (slow / FILE_NAME).write_text(f"options: {{valve_dead_time_s: {SHORT.valve_dead_time_s}}}", encoding="utf-8")
     assert main(call) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
@@ -215,7 +218,7 @@ def test_bags_of_another_recorder_are_diagnosed_with_their_rig_by_hand(
         references += ["--since", str(tmp_path / place.name)]
     offered = few(("line_leak_achilles", "pump_wear", "valve_dead_time"))
     call = ["gap", "diagnose", str(tmp_path / "foreign"), *offered, "-o", str(tmp_path / "out")]
-    call += ["--json", f"{tmp_path}/x.json"]
+    call += ["--json", f"{tmp_path}/x.json", *ALONE]
     assert main([*call, *references]) == 2
     options = {name: getattr(SHORT, name) for name in ("cycles", "jam_time_s", "vent_time_s")}
     sheet = {"rig": "pressure", "options": options}
@@ -232,7 +235,7 @@ def test_bags_of_another_recorder_are_diagnosed_with_their_rig_by_hand(
 
 def test_a_run_without_a_gap_has_none(healthy: list[str], tmp_path: Path) -> None:
     """Another seed of the very same rig is no gap, names nothing, and corrects nothing."""
-    call = ["gap", "diagnose", str(bag(tmp_path, "same", 11)), *healthy, *few()]
+    call = ["gap", "diagnose", str(bag(tmp_path, "same", 11)), *healthy, *few(), *ALONE]
     assert main([*call, "-o", str(tmp_path), "--json", str(tmp_path / "x.json")]) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert (found["verdict"], found["effects"], found["check"]) == ("NO_GAP", [], [])
@@ -242,7 +245,7 @@ def test_a_run_without_a_gap_has_none(healthy: list[str], tmp_path: Path) -> Non
 def test_without_references_the_simulator_is_compared_with_the_machine(leaking: Path, tmp_path: Path) -> None:
     """The ledger is in the answer and on the page; the corrected file holds constants, and is loaded."""
     offered = few(("line_leak_achilles", "pump_wear"))
-    call = ["gap", "diagnose", str(leaking), *offered, "-o", str(tmp_path), "--json", str(tmp_path / "x.json")]
+    call = ["gap", "diagnose", str(leaking), *offered, *ALONE, "-o", str(tmp_path), "--json", f"{tmp_path}/x.json"]
     assert main(call) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert found["verdict"] in {"EFFECTS", "AMBIGUOUS"}
@@ -267,7 +270,7 @@ def test_what_cannot_be_told_apart_is_said_to_be(tmp_path: Path) -> None:
     assert main([*pull, "--effects", str(tmp_path / "soft.yaml"), "-o", f"{tmp_path}/pull"]) == 0
     call = ["gap", "diagnose", f"{tmp_path}/pull", *few(("tendon_stiffness", "fibre_loss_peroneal_left", "pump_wear"))]
     call += [part for i in range(3) for part in ("--since", f"{tmp_path}/healthy_{i}")]
-    assert main([*call, "-o", f"{tmp_path}/out", "--json", f"{tmp_path}/x.json"]) == 0
+    assert main([*call, *ALONE, "-o", f"{tmp_path}/out", "--json", f"{tmp_path}/x.json"]) == 0
     found = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     assert found["verdict"] in {"EFFECTS", "AMBIGUOUS"}
     assert found["sensors"] == "rig"
@@ -318,7 +321,7 @@ def test_ctrl_c_before_anything_is_known_ends_in_order(
 ) -> None:
     """SIGINT before the first answer leaves nothing behind and ends as shells expect it."""
     monkeypatch.setattr(gap_diagnosing, "diagnose_recordings", interrupting("nominal"))
-    assert main(["gap", "diagnose", str(leaking), *healthy, *few(), "-o", str(tmp_path / "out")]) == 130
+    assert main(["gap", "diagnose", str(leaking), *healthy, *few(), *ALONE, "-o", str(tmp_path / "out")]) == 130
     assert not (tmp_path / "out").exists()
 
 
