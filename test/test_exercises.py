@@ -14,7 +14,7 @@ import pytest
 from graph import environment
 from jammkle_bringup.exercise import Limb, course_of, spoken, standing
 from jammkle_common.bags.run_sheet import FILE_NAME, read_sheet
-from jammkle_common.names import JAM_STATE
+from jammkle_common.names import JAM_STATE, SET_PAUSED
 from jammkle_common.parameters import from_mapping
 from jammkle_gap.ankle.recording import load_recordings
 from jammkle_gap.mujoco.changes import change_timing
@@ -156,7 +156,8 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
 
     A session then records the exercise that would separate what is left, without asking, as the robot is simulated.
     """
-    start("up", "--robot", "leg", "--speed", "0", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
+    # in real time: as fast as it goes it takes all processors, also while an exercise looks for another one
+    start("up", "--robot", "leg", "-p", "sim:behaviour:=hang", "-p", "sim:drop_height_m:=0.01")
     probe = make_probe()
     probe.listen(JAM_STATE)
     probe.wait_until_up()
@@ -164,6 +165,8 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
         late = [sys.executable, "-c", LATE_CLOCK, name, str(tmp_path / "bags"), brief]
         done = subprocess.run(late, env=environment(domain_id), capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
+    assert probe.call(SET_PAUSED, data=True).success  # or it takes all the time that there is while bags are compared
+    for name in ("shake", "press"):
         bag = tmp_path / "bags" / name
         assert (bag / FILE_NAME).is_file()
         sheet = read_sheet(bag, None)
@@ -182,6 +185,7 @@ def test_a_leg_shakes_and_presses_and_is_recorded(
             subprocess.run([sys.executable, "-m", "jammkle_common.command", *again], check=True, capture_output=True)
     for name in ("cycle", "tilt"):  # as if they had been recorded, too
         shutil.copytree(tmp_path / "bags" / "shake", tmp_path / "bags" / name)
+    assert probe.call(SET_PAUSED, data=False).success
     session = [sys.executable, "-c", SESSION, str(tmp_path / "bags")]
     asked = subprocess.run(session, env=environment(domain_id), capture_output=True, text=True, check=False)
     assert asked.returncode == 0, asked.stderr
