@@ -45,11 +45,12 @@ EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "in_step.py"
 
 
 FOR_EVER = ("-p", "sim:lockstep_timeout_s:=0.0")
+RECORDED = ("--record", "bag")
 
 
 def paused_graph(start: Callable[..., Up], probe: Probe, *arguments: str) -> Up:
-    """Bring a graph up that is recorded and waits at time zero."""
-    up = start("up", "--record", "bag", "-p", "sim:start_paused:=true", *arguments)
+    """Bring a graph up that waits at time zero."""
+    up = start("up", "-p", "sim:start_paused:=true", *arguments)
     probe.spin_until(lambda: "jammkle: up; paused" in up.text(), "the graph is up")
     return up
 
@@ -97,15 +98,15 @@ def test_the_same_seed_gives_the_same_bag_on_any_machine(
     Both are waited for without end: by default who does not answer for a second, on whatever machine, is gone without.
     """
     probe = make_probe()
-    up = paused_graph(start, probe, *FOR_EVER)
+    up = paused_graph(start, probe, *RECORDED, *FOR_EVER)
     go_on(probe, 6)
     ask_for_jams(probe)
     assert up.stop() == 0
+    other = paused_graph(start, probe, *RECORDED, *FOR_EVER)
+    probe.listen(DIAGNOSTICS)
+    driver = other.child("jammkle_driver")
     with busy_loops():
-        other = paused_graph(start, probe, *FOR_EVER)
         go_on(probe, 5)
-        probe.listen(DIAGNOSTICS)
-        driver = other.child("jammkle_driver")
         driver.send_signal(signal.SIGSTOP)
         steps = steps_in_progress(probe)
         probe.spin_until(lambda: "time stands still until /driver answers" in reports(probe), "it is waited for")
@@ -113,7 +114,7 @@ def test_the_same_seed_gives_the_same_bag_on_any_machine(
         driver.send_signal(signal.SIGCONT)
         probe.spin_until(steps.done, "the steps are taken")
         ask_for_jams(probe)
-        assert other.stop() == 0
+    assert other.stop() == 0
     assert differences(bag_of(up), bag_of(other), 3_250_000_000) == []
 
 
@@ -143,7 +144,7 @@ def test_a_leg_with_efforts_and_odometry_gives_the_same_bag(
     probe, bags = make_probe(), []
     for _ in range(2):
         given = ("-p", "controller:use_efforts:=true", "-p", "controller:use_odometry:=true")
-        up = paused_graph(start, probe, "--robot", "leg", *FOR_EVER, *given)
+        up = paused_graph(start, probe, "--robot", "leg", *RECORDED, *FOR_EVER, *given)
         go_on(probe, 8)
         assert up.stop() == 0
         bags.append(bag_of(up))
@@ -172,7 +173,7 @@ RUN_S = 10.0
 
 def ran(start: Callable[..., Up], probe: Probe, *arguments: str) -> Path:
     """Let a graph run from its start, without a pause, and return its bag."""
-    up = paused_graph(start, probe, *FOR_EVER, *arguments)
+    up = paused_graph(start, probe, *RECORDED, *FOR_EVER, *arguments)
     probe.listen(CLOCK)
     assert probe.call(SET_PAUSED, data=False).success
     probe.spin_until(lambda: probe.last(CLOCK).clock.sec > RUN_S, "it has run")
@@ -184,7 +185,7 @@ def ran(start: Callable[..., Up], probe: Probe, *arguments: str) -> Path:
 def test_a_driver_under_a_debugger_is_waited_for(start: Callable[..., Up], make_probe: Callable[..., Probe]) -> None:
     """Also when the graph has forgotten it, as DDS does with a process that says nothing for 20 s."""
     probe = make_probe()
-    up = paused_graph(start, probe, *FOR_EVER)
+    up = paused_graph(start, probe, *RECORDED, *FOR_EVER)
     go_on(probe, 1)
     for name in ("jammkle_driver", "jammkle_controller"):
         child = up.child(name)
@@ -235,7 +236,7 @@ def test_a_node_of_ones_own_takes_part_in_ten_lines(
     """The example of the docs is waited for; killed, it is named and given up; so is whoever gives wrong answers."""
     probe = make_probe()
     probe.listen(DIAGNOSTICS, CLOCK)
-    paused_graph(start, probe)
+    paused_graph(start, probe, *RECORDED)
     mission = subprocess.Popen([sys.executable, EXAMPLE], env=environment(domain_id))
     try:
         probe.spin_until(lambda: reports(probe) == "in step: /controller, /driver, /mission, /recorder", "it is known")
