@@ -7,7 +7,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -78,6 +78,20 @@ def torn(tmp_path: Path) -> Path:
     return tmp_path / "dead"
 
 
+def write_numbers(path: Path, count: int, **options: Any) -> tuple[int, list[tuple[int, bytes]]]:
+    """Write an MCAP file of one topic with mcap's own writer; return its channel, log times, ns, and data."""
+    whole = [(10**18 + number, b"\0\1\0\0" + struct.pack("<d", 1.5 + number)) for number in range(count)]
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/level", "cdr", schema)
+        for log_ns, data in whole:
+            writer.add_message(channel, log_ns, data, log_ns)
+        writer.finish()
+    return channel, whole
+
+
 def test_what_was_flushed_is_whole_after_recovery(torn: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`info` names `recover`; then all is there for three readers, custom data, counts and hashes included."""
     assert main(["info", str(torn)]) == 2
@@ -127,15 +141,7 @@ def test_wherever_a_bag_is_cut_it_is_recovered_up_to_there(torn: Path) -> None:
 def test_a_torn_file_without_chunks_is_recovered_up_to_there(tmp_path: Path) -> None:
     """As `ros2 bag record --storage-preset-profile fastwrite` leaves it: wherever it was cut, whole messages stay."""
     path = tmp_path / "bag.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, use_chunking=False)
-        writer.start(profile="ros2")
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
-        channel = writer.register_channel("/level", "cdr", schema)
-        whole = [(10**18 + number, b"\0\1\0\0" + struct.pack("<d", 1.5 + number)) for number in range(30)]
-        for log_ns, message in whole:
-            writer.add_message(channel, log_ns, message, log_ns)
-        writer.finish()
+    channel, whole = write_numbers(path, 30, use_chunking=False)
     data = path.read_bytes()
     each, end = 43, data.index(b"\x0f" + struct.pack("<Q", 4))  # kind and length, four numbers, data; end of the data
     begin = end - each * len(whole)
@@ -158,15 +164,7 @@ def test_a_torn_file_without_chunks_is_recovered_up_to_there(tmp_path: Path) -> 
 def test_zeros_of_a_file_system_are_no_part_of_a_message(tmp_path: Path, compression: CompressionType) -> None:
     """Wherever a crash left zeros in place of what was not written, no message is made up of them."""
     path = tmp_path / "bag.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=compression, chunk_size=500)
-        writer.start(profile="ros2")
-        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
-        channel = writer.register_channel("/level", "cdr", schema)
-        whole = [(10**18 + number, b"\0\1\0\0" + struct.pack("<d", 1.5 + number)) for number in range(40)]
-        for log_ns, data in whole:
-            writer.add_message(channel, log_ns, data, log_ns)
-        writer.finish()
+    _, whole = write_numbers(path, 40, compression=compression, chunk_size=500)
     data = path.read_bytes()
     for cut in range(900, 1600, 7):
         path.write_bytes(data[:cut] + bytes(4096))

@@ -49,8 +49,8 @@ def new_readings(values: NDArray[np.float64]) -> NDArray[np.intp]:
     A driver that publishes more often than its sensor reads repeats what it has, and a table that was put on a finer
     clock is straight between its readings. They show by new ones that come evenly, several steps apart: the rounding of
     a coarse sensor repeats readings and leaves lines, too, but goes on by a step, and where a motion comes back evenly
-    it bends for many readings. What is published less than twice as
-    often, or on a clock less than four times as fine, is not told from readings.
+    it bends for many readings. What is published less than twice as often, or on a clock less than four times as fine,
+    does not show in readings.
     """
     step = max(_smallest_step(values), 1e-9 * float(np.abs(values).max(initial=0.0)))
     changes, bends = np.abs(np.diff(values)), np.abs(np.convolve(values, _WEIGHTS, "valid"))
